@@ -17,6 +17,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "reachy": ("aiortc",),
     "record": ("mcap", "zstandard"),
     "top": ("textual",),
+    "web": ("hypercorn", "segno", "starlette"),
 }
 """The modules of each extra. ``pyproject.toml`` has the packages."""
 

@@ -4,13 +4,14 @@ stamp."""
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
-from strands_actors.contract.axis import AxisMode
+from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.supervisors.gate.failsafe import WRITABLE
@@ -97,10 +98,18 @@ def features(driver: Driver) -> dict[str, Any]:
         "observation_features": dict.fromkeys(driver.axes, "float"),
         "velocities": [axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY],
         "limits": limits,
+        "axes": {axis.key: axis_json(axis) for axis in driver.table},
         "unit": driver.unit,
         "control_hz": driver.timing.control_hz,
         "services": sorted(driver.SERVICES),
     }
+
+
+def axis_json(axis: Axis) -> dict[str, Any]:
+    """Return an axis as a mapping for JSON, in which a limit that does not exist is None."""
+    fields = {"unit": axis.unit, "low": axis.low, "high": axis.high, "speed": axis.speed, "rest": axis.rest}
+    finite = {name: None if value in (math.inf, -math.inf) else value for name, value in fields.items()}
+    return {**finite, "mode": str(axis.mode), "optional": axis.optional}
 
 
 def tool_of(robot: str, driver: Driver) -> dict[str, Any]:

@@ -25,6 +25,8 @@ WORLD = "world"
 _ANSWER_S = 30.0
 _DRAWN_GROUPS = 3
 """MuJoCo draws the groups below this one. The shapes of physics are in others."""
+# MuJoCo's enums are not equal to the numbers of numpy in every order of the comparison.
+_SINGLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _MIDDLE = (0.0, 0.0, 0.0)
 _EDGE = 0.05
 """Radius of the edges of boxes and cylinders, as a share of their smallest half size."""
@@ -51,6 +53,34 @@ class Frame(NamedTuple):
     quat: tuple[float, float, float, float]
 
 
+class Joint(NamedTuple):
+    """A joint with one degree of freedom. It moves its body by ``position - zero``.
+
+    Attributes:
+        name: Name of the joint.
+        slides: True for a joint that slides, False for a hinge.
+        axis: Direction in the frame of the body.
+        anchor: A point of the axis in the frame of the body, in metres.
+        zero: Position in which the body stands as the model has it, in radians or metres.
+        start: Position of a joint that the telemetry does not have.
+    """
+
+    name: str
+    slides: bool
+    axis: tuple[float, float, float]
+    anchor: tuple[float, float, float]
+    zero: float
+    start: float
+
+
+class Body(NamedTuple):
+    """A body: its frame in that of its parent while its joints are at ``zero``, and the joints that move it, in the
+    order in which they turn it."""
+
+    frame: Frame
+    joints: tuple[Joint, ...]
+
+
 class DrawnModel:
     """The model of a robot.
 
@@ -63,13 +93,12 @@ class DrawnModel:
         self._model = model
         self._data = mujoco.MjData(model)
         self._data.qpos[:] = qpos
+        self._start = [float(value) for value in qpos]
         self._names = [WORLD, *(model.body(index).name or f"body_{index}" for index in range(1, model.nbody))]
-        # MuJoCo's enums are not equal to the numbers of numpy in every order of the comparison.
-        single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
         self._addresses = {
             model.joint(index).name: int(model.jnt_qposadr[index])
             for index in range(model.njnt)
-            if int(model.jnt_type[index]) in single
+            if self._is_single(index)
         }
 
     @property
@@ -88,6 +117,38 @@ class DrawnModel:
             mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
             points = shape.points @ turn.reshape(3, 3).T + model.geom_pos[geom]
             yield Mesh(self._names[model.geom_bodyid[geom]], points, shape.faces, _colour(model, geom))
+
+    def bodies(self) -> list[Body]:
+        """Return the bodies and joints, for a display that computes the frames itself. A parent comes before its
+        children. A body that is free in space stays where it started."""
+        model, bodies = self._model, []
+        for index in range(1, model.nbody):
+            first = int(model.body_jntadr[index])
+            numbers = range(first, first + int(model.body_jntnum[index])) if first >= 0 else range(0)
+            joints = tuple(self._joint(number) for number in numbers if self._is_single(number))
+            xyz, quat = model.body_pos[index].tolist(), model.body_quat[index].tolist()
+            if len(joints) < len(numbers):
+                address = int(model.jnt_qposadr[first])
+                free = int(model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_FREE)
+                turn = self._start[address + 3 : address + 7] if free else self._start[address : address + 4]
+                xyz, quat = (self._start[address : address + 3] if free else xyz), turn
+            frame = Frame(self._names[index], self._names[int(model.body_parentid[index])], tuple(xyz), tuple(quat))
+            bodies.append(Body(frame, joints))
+        return bodies
+
+    def _is_single(self, joint: int) -> bool:
+        return int(self._model.jnt_type[joint]) in _SINGLE
+
+    def _joint(self, number: int) -> Joint:
+        model, address = self._model, int(self._model.jnt_qposadr[number])
+        return Joint(
+            model.joint(number).name,
+            int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
+            tuple(model.jnt_axis[number].tolist()),
+            tuple(model.jnt_pos[number].tolist()),
+            float(model.qpos0[address]),
+            self._start[address],
+        )
 
     def frames(self, positions: Mapping[str, float]) -> list[Frame]:
         """Return the frame of each body.

@@ -200,6 +200,31 @@ def metrics(
 
 
 @app.command()
+def web(
+    robot: Annotated[
+        str, typer.Argument(metavar="[ROBOT]", help="The robot to show first. Default: the list of all robots.")
+    ] = "",
+    twin: Annotated[
+        list[str] | None, typer.Option(metavar="TYPE", help="Start a simulated robot, too. Can be repeated.")
+    ] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65532, help="Port of the page; the e-stop gets the next one. 0: free ones.")
+    ] = 8390,
+    lan: Annotated[bool, typer.Option("--lan", help="Let other devices in, over TLS and with a code.")] = False,
+    name: Annotated[
+        str, typer.Option(help="With --lan: name or address of this computer. Default: its address.")
+    ] = "",
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Serve a page on which a person watches, stops and moves the running robots."""
+    from .web import Choice
+    from .web import web as run
+
+    run(Choice(robot, twin or [], port, lan, name), mesh, as_json=json)
+
+
+@app.command()
 def trace(
     robot: Annotated[str, typer.Argument(help="The robot's name, as `tree` shows it.")],
     count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,

@@ -51,11 +51,41 @@ class Frame(Protocol):
     def quat(self) -> tuple[float, float, float, float]: ...
 
 
+class Joint(Protocol):
+    """A joint that turns or slides its body by ``position - zero``, in the frame of the body: radians or metres."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def slides(self) -> bool: ...
+    @property
+    def axis(self) -> tuple[float, float, float]: ...
+    @property
+    def anchor(self) -> tuple[float, float, float]: ...
+    @property
+    def zero(self) -> float: ...
+    @property
+    def start(self) -> float: ...
+
+
+class Body(Protocol):
+    """A body: its frame while its joints are at ``zero``, and the joints that move it."""
+
+    @property
+    def frame(self) -> Frame: ...
+    @property
+    def joints(self) -> Sequence[Joint]: ...
+
+
 class RobotModel(Protocol):
     """The model of a robot."""
 
     def meshes(self) -> Iterable[Mesh]:
         """Return everything that is drawn of the robot."""
+        ...
+
+    def bodies(self) -> Sequence[Body]:
+        """Return the bodies and joints, for a display that computes the frames itself."""
         ...
 
     def frames(self, positions: Mapping[str, float]) -> Sequence[Frame]:

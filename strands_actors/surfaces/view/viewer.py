@@ -46,6 +46,10 @@ class Viewer:
         self.robot = robot
         self.presence: Presence | None = None
         """The newest sample of ``presence``."""
+        self.state: State | None = None
+        """The newest sample of ``state``."""
+        self.health: Health | None = None
+        """The newest sample of ``health``."""
         self.identified = trio.Event()
         """Set when ``presence`` has a sample."""
         self.readings = 0
@@ -106,6 +110,7 @@ class Viewer:
             self._show([Event(self._now(), Kind.SILENT, Level.ERROR, "silent", text)])
 
     def _state(self, state: State) -> None:
+        self.state = state
         self._last_state_at = self._elapsed()
         self.readings += 1
         if self._is_silent:
@@ -136,7 +141,7 @@ class Viewer:
             t = self.presence.timestamp
             self._show(self._events.presence(self.presence))
         elif topic == "health":
-            health = decode(payload, Health)
+            health = self.health = decode(payload, Health)
             t = health.t
             self._show(self._events.health(health))
         values = decode(payload, dict[str, Any])

@@ -1,0 +1,357 @@
+"""The console: its pages, its orders to robots, and the devices that may use it.
+
+Each order is a POST, and its answer is what the robot has answered. A stop is never refused to a visitor who may
+look.
+"""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Awaitable, Callable
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qs
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh.schemas import Command, Name, SetJoints, Start, is_name
+from strands_actors.surfaces.mesh.client import BEGIN_S, MeshClient
+from strands_actors.surfaces.mesh.config import MeshConfig
+from strands_actors.surfaces.mesh.outcome import SAFE, Outcome
+from strands_actors.surfaces.view.model import NoModel
+
+from .access import Access, Denied, Role, Session
+from .guard import asked_of
+from .live import Conversation
+from .pictures import MEDIA_TYPE, pictures
+from .robots import Robots
+from .scene import Scenes
+
+MAX_BODY = 16 * 1024
+MAX_DEVICE = 80
+ORDER_S = 0.5
+"""An order to move that has not reached the robot within this time is not carried out."""
+FILES = {
+    "console.css": "text/css",
+    "console.js": "text/javascript",
+    "fleet.js": "text/javascript",
+    "robot.js": "text/javascript",
+    "scene.js": "text/javascript",
+    "plots.js": "text/javascript",
+    "devices.js": "text/javascript",
+    "dom.js": "text/javascript",
+    "vendor.js": "text/javascript",
+    "uplot.css": "text/css",
+}
+"""The files of the page, and their types. Nothing else is ever served."""
+
+
+class PoseOrder(msgspec.Struct, forbid_unknown_fields=True):
+    """Move to a pose: targets by joint, in the robot's units."""
+
+    targets: dict[str, float]
+    duration: float = 2.0
+
+
+class PolicyOrder(msgspec.Struct, forbid_unknown_fields=True):
+    """Run a policy that is installed on the robot's host."""
+
+    provider: str
+    instruction: str
+    duration: float = 30.0
+
+
+class OfferOrder(msgspec.Struct, forbid_unknown_fields=True):
+    """Show a code that lets one device in, with this role."""
+
+    role: Role
+
+
+class RevokeOrder(msgspec.Struct, forbid_unknown_fields=True):
+    """End the session of a device."""
+
+    id: str
+
+
+class Bad(Exception):
+    """A request cannot be carried out. The text tells the person why."""
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Console:
+    """The application.
+
+    Args:
+        client: The client of the mesh.
+        config: The configuration of the mesh, for streams of pictures.
+        robots: The newest samples.
+        access: The sessions.
+        estop_url: Returns the address of the e-stop's page, for the scheme and host of a request.
+        pairing_url: Address at which another device is let in; empty if the server is only for this computer.
+        fingerprint: Fingerprint of the certificate for other devices.
+    """
+
+    def __init__(
+        self,
+        client: MeshClient,
+        config: MeshConfig,
+        robots: Robots,
+        access: Access,
+        estop_url: Callable[[str, str], str],
+        pairing_url: str,
+        fingerprint: str,
+    ) -> None:
+        self._client = client
+        self._config = config
+        self._robots = robots
+        self._access = access
+        self._estop_url = estop_url
+        self._pairing_url = pairing_url
+        self._fingerprint = fingerprint
+        self._scenes = Scenes()
+
+    def app(self) -> Starlette:
+        """Return the ASGI application, without its ``Guard``."""
+        order = self._order
+        return Starlette(
+            routes=[
+                Route("/", self._home),
+                Route("/pair", self._pair_page, methods=["GET"]),
+                Route("/pair", self._pair, methods=["POST"]),
+                Route("/page/{file}", self._file),
+                WebSocketRoute("/live", self._live),
+                Route("/robots/{robot}/scene", self._scene),
+                Route("/robots/{robot}/cameras/{camera}", self._camera),
+                Route("/robots/{robot}/stop", order(self._stop, Role.VIEWER), methods=["POST"]),
+                Route("/robots/{robot}/estop", order(self._estop, Role.VIEWER), methods=["POST"]),
+                Route("/robots/{robot}/resume", order(self._resume, Role.OPERATOR), methods=["POST"]),
+                Route("/robots/{robot}/pose", order(self._pose, Role.OPERATOR), methods=["POST"]),
+                Route("/robots/{robot}/policy", order(self._policy, Role.OPERATOR), methods=["POST"]),
+                Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
+                Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
+                Route("/devices/revoke", order(self._revoke, Role.OPERATOR), methods=["POST"]),
+            ]
+        )
+
+    # -- pages
+
+    async def _home(self, request: Request) -> Response:
+        """The page. With ``?token=`` the browser gets a session first, and then the address without the token.
+        ``&robot=`` names the robot to show first."""
+        token = request.query_params.get("token")
+        if token is not None:
+            secret = self._access.admit(token, _device(request), time.time())
+            if isinstance(secret, Denied):
+                return _denied(secret)
+            return self._let_in(request, secret, request.query_params.get("robot", ""))
+        session = self._access.session_of(asked_of(request.scope))
+        if isinstance(session, Denied):
+            return RedirectResponse("/pair", 303) if self._pairing_url else _denied(session)
+        asked = asked_of(request.scope)
+        facts = {"role": session.role, "estop": self._estop_url(asked.scheme, asked.host), "id": session.id}
+        return HTMLResponse(_page("index.html").replace("{{facts}}", _attribute(facts)))
+
+    async def _pair_page(self, request: Request) -> Response:
+        code = "".join(filter(str.isdigit, request.query_params.get("code", "")))[:12]
+        page = _page("pair.html").replace("{{code}}", code).replace("{{fingerprint}}", self._fingerprint)
+        return HTMLResponse(page)
+
+    async def _pair(self, request: Request) -> Response:
+        """Let a device in for the code in the form of the page."""
+        try:
+            fields = parse_qs((await _read(request)).decode())
+        except (Bad, ValueError) as error:
+            return _text(400, f"The form cannot be read: {error}")
+        secret = self._access.redeem(fields.get("code", [""])[0], _device(request), time.time())
+        return _denied(secret) if isinstance(secret, Denied) else self._let_in(request, secret)
+
+    def _let_in(self, request: Request, secret: str, robot: str = "") -> Response:
+        # After a link of another site and a redirect, a browser sends no strict cookie. So this page leads on.
+        url = f"/#/robots/{robot}" if is_name(robot) else "/"
+        response = HTMLResponse(
+            f'<!doctype html><meta http-equiv="refresh" content="0;url={url}"><p><a href="{url}">go on</a>'
+        )
+        secure = asked_of(request.scope).scheme == "https"
+        response.set_cookie(self._access.cookie, secret, httponly=True, samesite="strict", secure=secure)
+        return response
+
+    async def _file(self, request: Request) -> Response:
+        file = request.path_params["file"]
+        if file not in FILES:
+            return _text(404, "There is no such file.")
+        content = resources.files(__package__).joinpath("page", file).read_bytes()
+        # The vendor's file is large, and changes only with a new version of this package.
+        cached = {"Cache-Control": "private, max-age=3600"} if file == "vendor.js" else None
+        return Response(content, media_type=FILES[file], headers=cached)
+
+    async def _live(self, socket: WebSocket) -> None:
+        session: Session = socket.state.session
+        await socket.accept()
+        await Conversation(socket, self._client, self._robots, self._access, session).run()
+
+    async def _scene(self, request: Request) -> Response:
+        robot = self._robots.get(request.path_params["robot"])
+        presence = robot.viewer.presence if robot is not None else None
+        if presence is None:
+            return _text(404, "The robot has not published its type yet.")
+        try:
+            return Response(await self._scenes.get(presence.hw), media_type="application/octet-stream")
+        except NoModel as reason:
+            return _text(404, str(reason))
+
+    async def _camera(self, request: Request) -> Response:
+        robot, camera = request.path_params["robot"], request.path_params["camera"]
+        if not (is_name(robot) and is_name(camera)):
+            return _text(404, "There is no such camera.")
+        return StreamingResponse(pictures(self._config, robot, camera), media_type=MEDIA_TYPE)
+
+    # -- orders
+
+    def _order(
+        self, carry_out: Callable[[Request, Session], Awaitable[Any]], role: Role
+    ) -> Callable[[Request], Awaitable[Response]]:
+        """Return a handler that checks the visitor's role, and answers with JSON."""
+
+        async def handle(request: Request) -> Response:
+            session: Session = request.state.session
+            if role is Role.OPERATOR and session.role is not Role.OPERATOR:
+                return _text(403, "This device may look and stop. Only an operator may do this.")
+            try:
+                return _json(await carry_out(request, session))
+            except Bad as bad:
+                return _text(bad.status, str(bad))
+
+        return handle
+
+    async def _stop(self, request: Request, session: Session) -> dict[str, Any]:
+        return _outcome(await self._client.stop(_robot(request), _by(session)))
+
+    async def _estop(self, request: Request, session: Session) -> dict[str, Any]:
+        robot = _robot(request)
+        (outcome, *_) = await self._client.estop(_by(session), robot=robot)
+        return _outcome(outcome)
+
+    async def _resume(self, request: Request, session: Session) -> dict[str, Any]:
+        return _answer(await self._client.resume(_robot(request), _by(session)))
+
+    async def _pose(self, request: Request, session: Session) -> dict[str, Any]:
+        order = await _body(request, PoseOrder)
+        return await self._dated(
+            _robot(request),
+            lambda clock, deadline_ns: SetJoints(
+                clock=clock, deadline_ns=deadline_ns, target_joints=order.targets, duration=order.duration
+            ),
+        )
+
+    async def _policy(self, request: Request, session: Session) -> dict[str, Any]:
+        order = await _body(request, PolicyOrder)
+        return await self._dated(
+            _robot(request),
+            lambda clock, deadline_ns: Start(
+                clock=clock,
+                deadline_ns=deadline_ns,
+                instruction=order.instruction,
+                policy_provider=order.provider,
+                duration=order.duration,
+            ),
+        )
+
+    async def _dated(self, robot: Name, make: Callable[[str, int], Command]) -> dict[str, Any]:
+        return _answer(await self._client.dated(robot, make, ORDER_S, BEGIN_S))
+
+    # -- devices
+
+    async def _devices(self, request: Request, session: Session) -> dict[str, Any]:
+        return {"devices": self._access.sessions(), "own": session.id, "others": bool(self._pairing_url)}
+
+    async def _offer(self, request: Request, session: Session) -> dict[str, Any]:
+        order = await _body(request, OfferOrder)
+        if not self._pairing_url:
+            raise Bad(409, "This server is only for this computer. Start it with --lan to let other devices in.")
+        from .qr import qr_svg
+
+        code = self._access.offer(order.role, time.time())
+        url = f"{self._pairing_url}?code={code}"
+        picture = "data:image/svg+xml;base64," + base64.b64encode(qr_svg(url)).decode()
+        return {"code": code, "url": self._pairing_url, "picture": picture, "fingerprint": self._fingerprint}
+
+    async def _revoke(self, request: Request, session: Session) -> dict[str, Any]:
+        order = await _body(request, RevokeOrder)
+        if not self._access.revoke(order.id):
+            raise Bad(404, "This device is gone already.")
+        return {"ok": True}
+
+
+def _page(file: str) -> str:
+    return resources.files(__package__).joinpath("page", file).read_text("utf-8")
+
+
+def _attribute(facts: dict[str, Any]) -> str:
+    """Return facts as JSON for an attribute in double quotes."""
+    encoded = msgspec.json.encode(facts).decode()
+    return encoded.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+
+
+def _device(request: Request) -> str:
+    return request.headers.get("user-agent", "a browser")[:MAX_DEVICE]
+
+
+def _robot(request: Request) -> str:
+    robot: str = request.path_params["robot"]
+    if not is_name(robot):
+        raise Bad(404, "This is not the name of a robot.")
+    return robot
+
+
+def _by(session: Session) -> str:
+    return f"console {session.id}"
+
+
+async def _read(request: Request) -> bytes:
+    data = b""
+    async for part in request.stream():
+        data += part
+        if len(data) > MAX_BODY:
+            raise Bad(413, f"A request may have {MAX_BODY} bytes.")
+    return data
+
+
+async def _body(request: Request, kind: type[Any]) -> Any:
+    """Return the body of a request. Raise ``Bad`` if it is not of this kind."""
+    data = await _read(request)
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise Bad(400, f"The request cannot be read: {error}.") from None
+
+
+def _outcome(outcome: Outcome) -> dict[str, Any]:
+    return {"ok": outcome.outcome == SAFE, "outcome": outcome}
+
+
+def _answer(answer: dict[str, Any] | Refused) -> dict[str, Any]:
+    if isinstance(answer, Refused):
+        return {"ok": False, "refused": {"code": answer.code, "text": answer.text}}
+    return {"ok": True, "result": answer}
+
+
+def _json(value: Any) -> Response:
+    return Response(msgspec.json.encode(value), media_type="application/json")
+
+
+def _text(status: int, text: str) -> Response:
+    return Response(text, status, media_type="text/plain")
+
+
+def _denied(denied: Denied) -> Response:
+    return _text(denied.status, denied.text)

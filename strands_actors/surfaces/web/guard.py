@@ -1,0 +1,82 @@
+"""Let only allowed requests reach an application, and give each answer its headers."""
+
+from __future__ import annotations
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from .access import Access, Asked, Denied
+
+OPEN_PATHS = ("/", "/pair")
+"""Pages that check the visitor themselves: where a browser without a session is let in."""
+REFUSED_SOCKET = 1008
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-site",
+    # The browser then gives this origin a process of its own, which another page cannot block.
+    "Origin-Agent-Cluster": "?1",
+}
+
+
+class Guard:
+    """Stands before an application.
+
+    ``scope["state"]["session"]`` is the visitor's session, and missing on the pages of ``OPEN_PATHS``.
+
+    Args:
+        app: The application.
+        access: Who may use it.
+        policy: The Content-Security-Policy of each answer.
+    """
+
+    def __init__(self, app: ASGIApp, access: Access, policy: str) -> None:
+        self._app = app
+        self._access = access
+        self._headers = {**_HEADERS, "Content-Security-Policy": policy}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        asked = asked_of(scope)
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        denied = self._access.refuse_sender(asked)
+        if denied is None and scope["path"] not in OPEN_PATHS:
+            session = self._access.session_of(asked)
+            if isinstance(session, Denied):
+                denied = session
+            else:
+                scope.setdefault("state", {})["session"] = session
+        if denied is None:
+            await self._app(scope, receive, send_guarded)
+        elif asked.is_websocket:
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED_SOCKET, "reason": denied.text})
+        else:
+            await PlainTextResponse(denied.text, denied.status)(scope, receive, send_guarded)
+
+
+def asked_of(scope: Scope) -> Asked:
+    """Return what decides about a request."""
+    headers = Headers(scope=scope)
+    is_websocket = scope["type"] == "websocket"
+    secure = scope["scheme"] in ("https", "wss")
+    return Asked(
+        "GET" if is_websocket else scope["method"],
+        "https" if secure else "http",
+        headers.get("host", ""),
+        headers.get("origin", ""),
+        headers.get("cookie", ""),
+        is_websocket,
+    )

@@ -1,0 +1,186 @@
+"""The WebSocket of a page: it sends what the page shows, and takes what the operator does by hand.
+
+A page gets the newest values only. So a page that reads slowly makes nobody wait, and never shows old values later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from typing import Annotated, Any
+
+import msgspec
+import trio
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from strands_actors.caller.processes.background import open_background
+from strands_actors.contract.axis import Axis
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh.schemas import Features, is_name
+from strands_actors.surfaces.mesh.client import MeshClient
+
+from .access import Access, Role, Session
+from .robots import Robots, Watched
+from .seat import Seat, axis_of
+
+FLEET_S = 0.5
+STATE_S = 0.1
+SEND_S = 5.0
+"""A page that has not read a message after this time is disconnected."""
+MOST_AXES = 64
+LONGEST_MS = 1e12
+"""Greatest time of a page's clock (about 30 years)."""
+BAD_MESSAGE = 1003
+"""Code with which the connection of a page that sends something else is closed (RFC 6455, 7.4.1)."""
+ENDED = 1008
+"""The same for a page whose session has ended."""
+
+
+class Watch(msgspec.Struct, tag="watch", forbid_unknown_fields=True):
+    """Show this robot; an empty name for none."""
+
+    robot: Annotated[str, msgspec.Meta(max_length=64)]
+
+
+class Jog(msgspec.Struct, tag="jog", forbid_unknown_fields=True):
+    """The operator's hand, 30 times a second while it is on a button, and once when it has let go.
+
+    Attributes:
+        held: True while a button is pressed.
+        at_ms: Time on the page's clock in milliseconds.
+        rates: Speed by axis, as a share (-1 to 1) of the axis' speed for jogging.
+    """
+
+    held: bool
+    at_ms: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_MS)]
+    rates: Annotated[dict[str, float], msgspec.Meta(max_length=MOST_AXES)] = {}
+
+
+_decode = msgspec.json.Decoder(Watch | Jog).decode
+_encode = msgspec.json.Encoder().encode
+
+
+class Conversation:
+    """The conversation with one page.
+
+    Args:
+        socket: The WebSocket, which is accepted.
+        client: The client of the mesh.
+        robots: The newest samples.
+        access: The sessions.
+        session: The session of this page.
+    """
+
+    def __init__(
+        self, socket: WebSocket, client: MeshClient, robots: Robots, access: Access, session: Session
+    ) -> None:
+        self._socket = socket
+        self._client = client
+        self._robots = robots
+        self._access = access
+        self._session = session
+        self._sending = trio.Lock()
+        self._robot = ""
+        self._seat: Seat | None = None
+        self._seat_scope = trio.CancelScope()
+        self._shown_count = self._shown_events = 0
+        self._notes: list[dict[str, Any]] = []
+
+    async def run(self) -> None:
+        """Serve the page until it disconnects. A robot that it moves holds its position then."""
+        with contextlib.suppress(WebSocketDisconnect, trio.TooSlowError, RuntimeError):
+            # Starlette raises RuntimeError if the page disconnects while a message is sent.
+            async with open_background() as nursery:
+                self._nursery = nursery
+                async with trio.open_nursery() as both:
+                    both.start_soon(self._show)
+                    try:
+                        await self._listen()
+                    finally:
+                        both.cancel_scope.cancel()
+
+    async def _listen(self) -> None:
+        while True:
+            try:
+                message = _decode(await self._socket.receive_text())
+            except (msgspec.MsgspecError, RecursionError, KeyError):
+                await self._socket.close(BAD_MESSAGE, "this page is of another version. Load it again")
+                return
+            if isinstance(message, Watch):
+                await self._watch(message.robot)
+            elif self._seat is not None:
+                self._seat.operate(message.held, message.at_ms, message.rates)
+
+    async def _watch(self, robot: str) -> None:
+        """Show another robot. A seat in front of the robot before is left, so that robot holds its position."""
+        self._seat_scope.cancel()
+        self._seat = None
+        self._robot = robot if is_name(robot) else ""
+        self._shown_count = self._shown_events = 0
+        if not self._robot:
+            return
+        features = await self._client.request(self._robot, Features())
+        if isinstance(features, Refused):
+            self._notes.append({"type": "axes", "robot": robot, "axes": {}, "reason": features.text})
+            return
+        described = features.get("axes", {})
+        self._notes.append({"type": "axes", "robot": robot, "axes": described, "unit": features.get("unit", "")})
+        if self._session.role is Role.OPERATOR:
+            await self._nursery.start(
+                self._sit, robot, tuple(axis_of(key, each) for key, each in described.items())
+            )
+
+    async def _sit(
+        self, robot: str, axes: tuple[Axis, ...], task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
+    ) -> None:
+        def tell(state: str, reason: str) -> None:
+            self._notes.append({"type": "seat", "robot": robot, "state": state, "reason": reason})
+
+        with trio.CancelScope() as self._seat_scope:
+            seat = self._seat = Seat(self._client, robot, axes, tell, time.monotonic_ns)
+            task_status.started()
+            await seat.run()
+
+    # -- show
+
+    async def _show(self) -> None:
+        next_fleet = -math.inf
+        while True:
+            if not self._access.holds(self._session):
+                await self._socket.close(ENDED, "this device was sent away")
+                return
+            now = trio.current_time()
+            if now >= next_fleet:
+                next_fleet = now + FLEET_S
+                await self._send({"type": "fleet", "robots": self._robots.summaries()})
+            while self._notes:
+                await self._send(self._notes.pop(0))
+            robot = self._robots.get(self._robot) if self._robot else None
+            if robot is not None:
+                await self._show_robot(robot)
+            await trio.sleep(STATE_S / 2)
+
+    async def _show_robot(self, robot: Watched) -> None:
+        if robot.viewer.readings != self._shown_count and robot.joints is not None:
+            if self._shown_count == 0 or robot.viewer.readings % 10 == 0:
+                await self._send({"type": "facts", "robot": robot.name, **facts_of(robot)})
+            self._shown_count = robot.viewer.readings
+            state = robot.viewer.state
+            last_stop = None if state is None else state.last_stop
+            await self._send({"type": "reading", "reading": robot.joints, "last_stop": last_stop})
+        new = robot.event_count - self._shown_events
+        if new:
+            self._shown_events = robot.event_count
+            events = list(robot.events)[-new:]
+            await self._send({"type": "events", "robot": robot.name, "events": events})
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        with trio.fail_after(SEND_S):
+            async with self._sending:
+                await self._socket.send_text(_encode(message).decode())
+
+
+def facts_of(robot: Watched) -> dict[str, Any]:
+    """Return what changes seldom: ``presence``, ``health`` and the sensors, as the robot publishes them."""
+    return {"topics": robot.topics, "summary": robot.summary()}

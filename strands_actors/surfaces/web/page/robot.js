@@ -1,0 +1,243 @@
+import {el, kindOf, number, setText, since, stateText} from "/page/dom.js"
+import {Plots} from "/page/plots.js"
+import {RobotScene} from "/page/scene.js"
+
+const JOG_MS = 33
+const MOST_EVENTS = 40
+const SPEEDS = [["slow", 0.2], ["half", 0.5], ["full", 1]]
+
+/** One robot: in 3-D, its joints with jog buttons, plots, cameras, what happened, and its orders. */
+export class RobotView {
+  constructor(name, orders, mayCommand) {
+    this.name = name
+    this.orders = orders
+    this.mayCommand = mayCommand
+    this.axes = {}
+    this.units = {}
+    this.rows = new Map()
+    this.down = new Map()
+    this.speed = SPEEDS[1][1]
+    this.state = el("span", {class: "pill big"})
+    this.why = el("p", {class: "why"})
+    this.facts = el("dl", {class: "facts"})
+    this.seat = el("p", {class: "seat", role: "status", "aria-live": "polite"})
+    this.table = el("table", {class: "joints"})
+    this.events = el("ol", {class: "events"})
+    this.cameras = el("div", {class: "cameras"})
+    this.sensors = el("dl", {class: "facts"})
+    this.sensorsTitle = el("h2", {hidden: true}, "Sensors")
+    this.canvas = el("canvas", {"aria-label": `${name} in 3-D`, role: "img"})
+    this.noModel = el("p", {class: "no-model"}, "reading the model …")
+    this.plots = new Plots()
+    this.root = this.build()
+    this.letGo = () => this.release()
+    addEventListener("blur", this.letGo)
+    document.addEventListener("visibilitychange", this.letGo)
+    this.scene = new RobotScene(this.canvas)
+    this.scene.load(name).then(() => { this.noModel.hidden = true; this.showScene() })
+      .catch(problem => setText(this.noModel, problem.message))
+  }
+
+  build() {
+    const {orders, name, mayCommand} = this
+    const button = (text, kind, action, title) => el("button", {class: kind, onclick: action, title}, text)
+    const speeds = SPEEDS.map(([text, share]) => el("label", {}, el("input", {
+      type: "radio", name: "speed", checked: share === this.speed, onchange: () => { this.speed = share }}), text))
+    return el("div", {class: "robot"},
+      el("section", {class: "stage"}, this.canvas, this.noModel, this.cameras),
+      el("section", {class: "side"},
+        el("div", {class: "row"}, el("h1", {}, name), this.state), this.why,
+        el("div", {class: "row orders"},
+          button("stop", "stop", () => orders.stop(name), "space"),
+          button("e-stop", "stop outline", () => orders.estop(name), "stops and locks"),
+          mayCommand && button("resume", "go", () => orders.resume(name), "energises at the measured position")),
+        this.facts,
+        mayCommand && el("fieldset", {class: "row speeds"}, el("legend", {}, "jog: hold − or +, let go to hold"), ...speeds),
+        this.seat, this.table),
+      el("section", {class: "below"}, this.plots.root),
+      el("section", {class: "below"}, el("h2", {}, "What happened"), this.events, this.sensorsTitle, this.sensors,
+        mayCommand && this.policyForm()))
+  }
+
+  policyForm() {
+    const provider = el("input", {name: "provider", value: "mock", required: true})
+    const instruction = el("input", {name: "instruction", value: "wave", required: true})
+    const seconds = el("input", {name: "seconds", type: "number", value: 5, min: 1, max: 3600, required: true})
+    const start = event => {
+      event.preventDefault()
+      this.orders.policy(this.name, {
+        provider: provider.value, instruction: instruction.value, duration: Number(seconds.value)})
+    }
+    return el("form", {class: "policy", onsubmit: start}, el("h2", {}, "Run a policy"),
+      el("label", {}, "policy", provider), el("label", {}, "instruction", instruction),
+      el("label", {}, "seconds", seconds), el("button", {class: "go"}, "run"))
+  }
+
+  // -- what the server sends
+
+  summary(robot) {
+    this.root.dataset.kind = this.state.dataset.kind = kindOf(robot)
+    setText(this.state, stateText(robot))
+    setText(this.why, robot.problem || (robot.state === "armed" ? "" : robot.cause))
+    this.pairs(this.facts, {
+      type: robot.type, host: robot.host, "commanded by": robot.lease || "nobody", task: robot.task || "none",
+      age: since(robot.age_s), epoch: String(robot.epoch),
+      battery: robot.battery == null ? "" : `${Math.round(robot.battery)} %`, "last refusal": robot.last_refusal})
+  }
+
+  setAxes(axes, unit, reason) {
+    this.axes = axes
+    this.hasAxes = true
+    this.table.replaceChildren()
+    this.rows.clear()
+    if (reason) setText(this.seat, reason)
+  }
+
+  setFacts(topics) {
+    this.units = topics.presence?.model_units ?? {}
+    const names = topics.health?.cameras ? Object.keys(topics.health.cameras) : topics.presence?.cameras ?? []
+    if (names.join() !== this.cameraNames) {
+      this.cameraNames = names.join()
+      this.cameras.replaceChildren(...names.map(camera =>
+        el("img", {src: `/robots/${this.name}/cameras/${camera}`, alt: `camera ${camera}`})))
+    }
+    const shown = {}
+    for (const topic of ["battery", "imu", "odom", "pose"])
+      for (const [field, value] of Object.entries(topics[topic] ?? {}))
+        if (field !== "t" && field !== "peer_id") shown[`${topic} ${field}`] = textOf(value)
+    this.pairs(this.sensors, shown)
+    this.sensorsTitle.hidden = !Object.keys(shown).length
+  }
+
+  reading(reading) {
+    this.newest = reading
+    this.showScene()
+    if (!this.hasAxes) return
+    for (const joint of reading.joints) {
+      const row = this.rows.get(joint.name) ?? this.addRow(joint.name)
+      setText(row.value, number(joint.measured))
+      setText(row.goal, number(joint.commanded))
+      const {low, high} = this.axes[joint.name] ?? {}
+      const share = value => `${Math.max(0, Math.min(100, (value - low) / (high - low) * 100))}%`
+      const bounded = low != null && high != null && joint.measured != null
+      row.bar.hidden = !bounded
+      if (bounded) row.bar.firstChild.style.left = share(joint.measured)
+      row.bar.lastChild.hidden = joint.commanded == null
+      if (bounded && joint.commanded != null) row.bar.lastChild.style.left = share(joint.commanded)
+    }
+    this.plots.add(reading)
+    if (!this.plots.joint && reading.joints.length) this.select(reading.joints[0].name)
+  }
+
+  showScene() {
+    if (this.newest) this.scene.show(this.newest.joints, this.units)
+  }
+
+  happened(events) {
+    for (const event of events)
+      this.events.prepend(el("li", {class: `level${event.level}`},
+        el("time", {}, new Date(event.t * 1000).toLocaleTimeString()), " ", event.text, event.count > 1 ? ` (${event.count} times)` : ""))
+    while (this.events.children.length > MOST_EVENTS) this.events.lastChild.remove()
+  }
+
+  seated(state, reason) {
+    const held = this.down.size > 0
+    setText(this.seat, state === "engaged" ? "you move the robot" : held || !/not held/.test(reason) ? reason : "")
+    this.seat.classList.toggle("engaged", state === "engaged")
+  }
+
+  addRow(name) {
+    const axis = this.axes[name] ?? {}
+    const value = el("td", {class: "value"}), goal = el("td", {class: "value goal"})
+    const bar = el("div", {class: "bar"}, el("i", {class: "is"}), el("i", {class: "to"}))
+    const range = axis.low == null || axis.high == null ? "" : `${number(axis.low, 0)} … ${number(axis.high, 0)}`
+    const jogs = this.mayCommand && name in this.axes
+    const row = el("tr", {},
+      el("th", {scope: "row"}, el("button", {class: "name", onclick: () => this.select(name)}, name),
+        el("small", {}, [range, axis.unit].filter(Boolean).join(" ")), bar),
+      jogs && el("td", {}, this.jogButton(name, -1)), value, goal, jogs && el("td", {}, this.jogButton(name, 1)))
+    if (!this.rows.size)
+      this.table.append(el("tr", {}, el("th", {scope: "col"}, "joint"), jogs && el("td"), el("th", {scope: "col"}, "is"),
+        el("th", {scope: "col"}, "goal"), jogs && el("td")))
+    this.table.append(row)
+    this.rows.set(name, {row, value, goal, bar})
+    return this.rows.get(name)
+  }
+
+  select(name) {
+    for (const [each, {row}] of this.rows) row.classList.toggle("selected", each === name)
+    this.plots.select(name, this.axes[name]?.unit ?? "")
+  }
+
+  pairs(list, values) {
+    const shown = Object.entries(values).filter(([, value]) => value !== "")
+    const keys = shown.map(([key]) => key).join()
+    if (list.dataset.keys !== keys) {
+      list.dataset.keys = keys
+      list.replaceChildren(...shown.flatMap(([key]) => [el("dt", {}, key), el("dd")]))
+    }
+    shown.forEach(([, value], at) => setText(list.children[2 * at + 1], value))
+  }
+
+  // -- the hand on a button: it moves the robot while it is held, and its release, loss or blur ends that
+
+  jogButton(axis, sign) {
+    const press = key => event => {
+      if (event.button > 0) return
+      event.preventDefault()
+      if (event.pointerId != null) button.setPointerCapture(event.pointerId)
+      this.press(key, axis, sign, button)
+    }
+    const button = el("button", {
+      class: "jog", "aria-label": `${axis} ${sign > 0 ? "up" : "down"}`,
+      onpointerdown: press(`${axis}${sign}`), oncontextmenu: event => event.preventDefault(),
+      onkeydown: event => { if (event.key === "Enter" && !event.repeat) press(`${axis}${sign}`)(event) },
+      onkeyup: event => { if (event.key === "Enter") this.lift(`${axis}${sign}`) },
+    }, sign > 0 ? "+" : "−")
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"])
+      button.addEventListener(end, () => this.lift(`${axis}${sign}`))
+    return button
+  }
+
+  press(key, axis, sign, button) {
+    if (this.down.has(key)) return
+    this.down.set(key, {axis, sign, button})
+    button.classList.add("down")
+    this.select(axis)
+    if (!this.timer) this.timer = setInterval(() => this.jog(), JOG_MS)
+    this.jog()
+  }
+
+  lift(key) {
+    this.down.get(key)?.button.classList.remove("down")
+    if (this.down.delete(key) && !this.down.size) this.release()
+  }
+
+  release() {
+    for (const {button} of this.down.values()) button.classList.remove("down")
+    this.down.clear()
+    clearInterval(this.timer)
+    this.timer = 0
+    this.jog()
+  }
+
+  jog() {
+    const rates = {}
+    for (const {axis, sign} of this.down.values()) rates[axis] = (rates[axis] ?? 0) + sign * this.speed
+    this.orders.jog({held: this.down.size > 0, at_ms: performance.now(), rates})
+  }
+
+  close() {
+    this.release()
+    removeEventListener("blur", this.letGo)
+    document.removeEventListener("visibilitychange", this.letGo)
+    this.scene.close()
+    this.plots.close()
+  }
+}
+
+function textOf(value) {
+  if (typeof value === "number") return number(value, 2)
+  if (Array.isArray(value)) return value.map(textOf).join(", ")
+  return typeof value === "object" ? JSON.stringify(value) : String(value)
+}

@@ -1,0 +1,86 @@
+"""The model of a robot for the browser, which computes the frames itself from the positions in the telemetry.
+
+A scene is one message: four bytes with the length of the JSON that follows (little endian), the JSON, spaces up to
+a multiple of four bytes, and the numbers of all meshes. The JSON says where each mesh has its numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import trio
+
+from strands_actors.surfaces.view.model import Body, Mesh, RobotModel, read_model
+
+_ALIGN = 4
+_DIGITS = 6
+
+
+class Scenes:
+    """The scenes by type of robot. Each is read once from the type's twin, which takes a second or more."""
+
+    def __init__(self) -> None:
+        self._scenes: dict[str, bytes] = {}
+        self._reading = trio.Lock()
+
+    async def get(self, robot_type: str) -> bytes:
+        """Return the scene of a type.
+
+        Raises:
+            NoModel: There is no model of this type here.
+        """
+        async with self._reading:
+            if robot_type not in self._scenes:
+                model = await read_model(robot_type)
+                self._scenes[robot_type] = await trio.to_thread.run_sync(scene_of, model)
+            return self._scenes[robot_type]
+
+
+def scene_of(model: RobotModel) -> bytes:
+    """Return the message with the bodies, joints and meshes of a model."""
+    numbers = bytearray()
+    meshes = [_mesh_json(mesh, numbers) for mesh in model.meshes()]
+    head = msgspec.json.encode({"bodies": [_body_json(body) for body in model.bodies()], "meshes": meshes})
+    head += b" " * (-len(head) % _ALIGN)
+    return len(head).to_bytes(4, "little") + head + bytes(numbers)
+
+
+def _body_json(body: Body) -> dict[str, Any]:
+    frame = body.frame
+    return {
+        "name": frame.name,
+        "parent": frame.parent,
+        "xyz": _rounded(frame.xyz),
+        "quat": _rounded(frame.quat),
+        "joints": [
+            {
+                "name": joint.name,
+                "slides": joint.slides,
+                "axis": _rounded(joint.axis),
+                "anchor": _rounded(joint.anchor),
+                "zero": joint.zero,
+                "start": joint.start,
+            }
+            for joint in body.joints
+        ],
+    }
+
+
+def _mesh_json(mesh: Mesh, numbers: bytearray) -> dict[str, Any]:
+    points, faces = np.asarray(mesh.points, "<f4"), np.asarray(mesh.faces, "<u4")
+    at = len(numbers)
+    numbers += points.tobytes()
+    numbers += faces.tobytes()
+    return {
+        "body": mesh.body,
+        "rgba": _rounded(mesh.rgba),
+        "at": at,
+        "points": len(points),
+        "faces": len(faces),
+    }
+
+
+def _rounded(values: tuple[float, ...]) -> list[float]:
+    return [round(float(value), _DIGITS) for value in values]

@@ -1,0 +1,140 @@
+"""Jog a robot from a page, while its dead-man is held.
+
+A seat holds the lease of the robot (the right to command it) only while the operator presses. It takes the
+messages of the page like the frames of a leader, so the rules of a teleoperation hold: a page that is silent for
+100 ms, that is closed, or that has let go, ends the motion, and the robot holds its position.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.axis import Axis, AxisMode, finite
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.mesh.client import MeshClient
+from strands_actors.surfaces.mesh.remote import RemoteRobot, control
+from strands_actors.teleoperation.machine import Frame, Kind, Machine, State
+from strands_actors.teleoperation.page.requests import Lateness
+
+PERIOD_S = 1 / 30
+TTL_S = 0.2
+"""Lifetime of a setpoint."""
+
+_NO_FRAME = Frame(0, False, {})
+
+
+class Seat:
+    """One page in front of one robot.
+
+    Args:
+        client: The client of the mesh.
+        robot: Name of the robot.
+        axes: Its axes.
+        tell: Called with the state of the seat when it changes: ``state`` and ``reason``.
+        now_ns: This computer's clock.
+    """
+
+    def __init__(
+        self,
+        client: MeshClient,
+        robot: str,
+        axes: tuple[Axis, ...],
+        tell: Callable[[State, str], None],
+        now_ns: Callable[[], int],
+    ) -> None:
+        self.robot = robot
+        self._client = client
+        self._axes = axes
+        self._tell = tell
+        self._now_ns = now_ns
+        self._machine = Machine(axes, Kind.JOG)
+        self._lateness = Lateness()
+        self._frame = _NO_FRAME
+        self._rates: dict[str, float] = {}
+        self._pressed = trio.Event()
+
+    def operate(self, held: bool, at_ms: float, rates: Mapping[str, float]) -> None:
+        """Take one message of the page.
+
+        Args:
+            held: True while the operator presses.
+            at_ms: Time of the message on the page's clock, in milliseconds.
+            rates: Speed by axis, as a share (-1 to 1) of the axis' speed for jogging.
+        """
+        now_ns = self._now_ns()
+        self._rates = {key: rate for key, rate in rates.items() if finite(rate) is not None}
+        self._frame = Frame(now_ns - self._lateness.of(at_ms, now_ns), held, self._rates)
+        if self._machine.state is State.IDLE and self._machine.step(self._frame, now_ns).engage:
+            self._pressed.set()
+
+    async def run(self) -> None:
+        """Command the robot whenever the operator presses, until cancelled."""
+        while True:
+            await self._pressed.wait()
+            try:
+                async with control(self._client, self.robot) as remote:
+                    await self._follow(remote)
+            except PermissionError as refusal:
+                self._machine.not_engaged(str(refusal))
+            self._tell(State.IDLE, self._machine.reason)
+            self._pressed = trio.Event()
+
+    async def _follow(self, remote: RemoteRobot) -> None:
+        machine = self._machine
+        observed = await remote.observe()
+        if isinstance(observed, Refused):
+            machine.not_engaged(observed.text)
+            return
+        start = self._start(observed["joints"])
+        machine.engage(self._filled(start), start, self._now_ns())
+        if machine.state is not State.IDLE:
+            self._tell(machine.state, "")
+        while machine.state is not State.IDLE:
+            step = machine.step(self._filled(start), self._now_ns())
+            if step.target is not None:
+                answer = await remote.send_action(step.target, TTL_S, PERIOD_S)
+                if isinstance(answer, Refused):
+                    machine.refuse()
+                    machine.idle(answer.text)
+                    return
+            await trio.sleep(PERIOD_S)
+
+    def _start(self, joints: Mapping[str, Any]) -> dict[str, float]:
+        """Return the position of each axis that can be jogged. An axis that this robot lacks has none."""
+        start = {}
+        for axis in self._axes:
+            measured = axis.rest if axis.mode is AxisMode.VELOCITY else finite(joints.get(axis.key))
+            if measured is not None:
+                start[axis.key] = measured
+        return start
+
+    def _filled(self, start: Mapping[str, float]) -> Frame:
+        """Return the newest message, with a speed for each axis. Axes that the page does not name stand still."""
+        return self._frame._replace(values={key: self._rates.get(key, 0.0) for key in start})
+
+
+def axis_of(key: str, described: Mapping[str, Any]) -> Axis:
+    """Return an axis from its description in the robot's answer to ``features``.
+
+    Raises:
+        TypeError: A field is missing or has the wrong type.
+        ValueError: A field has a wrong value.
+    """
+
+    def number(name: str, otherwise: float) -> float:
+        value = described.get(name)
+        return otherwise if value is None else float(value)
+
+    return Axis(
+        key=key,
+        unit=str(described.get("unit", "")),
+        low=number("low", -math.inf),
+        high=number("high", math.inf),
+        speed=number("speed", math.inf),
+        rest=number("rest", 0.0),
+        mode=AxisMode(str(described.get("mode", AxisMode.POSITION))),
+    )
