@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import socket
+import ssl
 import time
 from pathlib import Path
 from typing import Any
@@ -205,3 +207,31 @@ def state_of(page: OpenPage) -> str:
 
 def lease_of(page: OpenPage) -> str:
     return str(next((each["lease"] for each in fleet(page) if each["name"] == "so101"), ""))
+
+
+def test_another_device_gets_in_by_a_code(tmp_path: Path, cli: Command) -> None:
+    with console_of(cli, "--lan", "--name", "localhost") as facts, Visitor(facts["url"]) as operator:
+        certificate = tmp_path.joinpath("own.pem")
+        parts = urlsplit(facts["pairing"])
+        certificate.write_text(ssl.get_server_certificate((parts.hostname or "", parts.port or 0)))
+        tls = ssl.create_default_context(cafile=str(certificate))
+        digest = hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate.read_text())).hexdigest()
+        assert digest == facts["fingerprint"].replace(":", "").lower()
+        offered = operator.order("/devices/offer", role="viewer")
+        assert offered["picture"].startswith("data:image/svg+xml;base64,") and offered["url"] in facts["pairing"]
+
+        with Visitor(facts["pairing"], offered["code"], tls) as phone:
+            assert phone.http.post("/robots/so101/resume").status_code == 403
+            assert phone.http.get("/devices").status_code == 403
+            assert phone.order("/robots/so101/stop")["outcome"]["outcome"] == "unreachable", "a viewer may stop"
+            again = phone.http.post("/pair", content=f"code={offered['code']}")
+            assert again.status_code == 403
+            devices = operator.http.get("/devices").json()["devices"]
+            (other,) = [device for device in devices if device["role"] == "viewer"]
+            with phone.page() as page:
+                page.kind("fleet")
+                operator.order("/devices/revoke", id=other["id"])
+                assert page.closed.wait(20)
+            assert phone.http.get("/page/console.js").status_code == 403
+        with Visitor(facts["pairing"], parts.query.removeprefix("code="), tls) as tablet:
+            assert tablet.http.get("/devices").status_code == 200

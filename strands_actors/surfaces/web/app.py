@@ -33,6 +33,7 @@ from .live import Conversation
 from .pictures import MEDIA_TYPE, pictures
 from .robots import Robots
 from .scene import Scenes
+from .seat import Hands
 
 MAX_BODY = 16 * 1024
 MAX_DEVICE = 80
@@ -119,6 +120,7 @@ class Console:
         self._pairing_url = pairing_url
         self._fingerprint = fingerprint
         self._scenes = Scenes()
+        self._hands = Hands()
 
     def app(self) -> Starlette:
         """Return the ASGI application, without its ``Guard``."""
@@ -197,7 +199,7 @@ class Console:
     async def _live(self, socket: WebSocket) -> None:
         session: Session = socket.state.session
         await socket.accept()
-        await Conversation(socket, self._client, self._robots, self._access, session).run()
+        await Conversation(socket, self._client, self._robots, self._hands, self._access, session).run()
 
     async def _scene(self, request: Request) -> Response:
         robot = self._robots.get(request.path_params["robot"])

@@ -22,7 +22,7 @@ from strands_actors.surfaces.mesh.client import MeshClient
 
 from .access import Access, Role, Session
 from .robots import Robots, Watched
-from .seat import Seat, axis_of
+from .seat import Hands, Seat, axis_of
 
 FLEET_S = 0.5
 STATE_S = 0.1
@@ -68,13 +68,21 @@ class Conversation:
         socket: The WebSocket, which is accepted.
         client: The client of the mesh.
         robots: The newest samples.
+        hands: The robots that are moved by pages.
         access: The sessions.
         session: The session of this page.
     """
 
     def __init__(
-        self, socket: WebSocket, client: MeshClient, robots: Robots, access: Access, session: Session
+        self,
+        socket: WebSocket,
+        client: MeshClient,
+        robots: Robots,
+        hands: Hands,
+        access: Access,
+        session: Session,
     ) -> None:
+        self._hands = hands
         self._socket = socket
         self._client = client
         self._robots = robots
@@ -138,7 +146,7 @@ class Conversation:
             self._notes.append({"type": "seat", "robot": robot, "state": state, "reason": reason})
 
         with trio.CancelScope() as self._seat_scope:
-            seat = self._seat = Seat(self._client, robot, axes, tell, time.monotonic_ns)
+            seat = self._seat = Seat(self._hands, self._client, robot, axes, tell, time.monotonic_ns)
             task_status.started()
             await seat.run()
 

@@ -7,8 +7,9 @@ messages of the page like the frames of a leader, so the rules of a teleoperatio
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import trio
@@ -27,10 +28,34 @@ TTL_S = 0.2
 _NO_FRAME = Frame(0, False, {})
 
 
+class Hands:
+    """Which robots are moved by a page now. For a robot all pages of a console are one program, so the robot cannot
+    refuse the second one."""
+
+    def __init__(self) -> None:
+        self._robots: set[str] = set()
+
+    @contextlib.contextmanager
+    def on(self, robot: str) -> Iterator[None]:
+        """Move a robot while the block runs.
+
+        Raises:
+            PermissionError: Another page moves it.
+        """
+        if robot in self._robots:
+            raise PermissionError(f"another page moves {robot}. Wait until it has let go")
+        self._robots.add(robot)
+        try:
+            yield
+        finally:
+            self._robots.remove(robot)
+
+
 class Seat:
     """One page in front of one robot.
 
     Args:
+        hands: The robots that are moved by pages of this console.
         client: The client of the mesh.
         robot: Name of the robot.
         axes: Its axes.
@@ -40,6 +65,7 @@ class Seat:
 
     def __init__(
         self,
+        hands: Hands,
         client: MeshClient,
         robot: str,
         axes: tuple[Axis, ...],
@@ -47,6 +73,7 @@ class Seat:
         now_ns: Callable[[], int],
     ) -> None:
         self.robot = robot
+        self._hands = hands
         self._client = client
         self._axes = axes
         self._tell = tell
@@ -76,8 +103,9 @@ class Seat:
         while True:
             await self._pressed.wait()
             try:
-                async with control(self._client, self.robot) as remote:
-                    await self._follow(remote)
+                with self._hands.on(self.robot):
+                    async with control(self._client, self.robot) as remote:
+                        await self._follow(remote)
             except PermissionError as refusal:
                 self._machine.not_engaged(str(refusal))
             self._tell(State.IDLE, self._machine.reason)
