@@ -156,6 +156,31 @@ def test_the_estop_has_its_own_origin_and_no_script(bench: Bench) -> None:
     assert visitor.order("/robots/so101/resume")["ok"]
 
 
+def test_a_pose_is_stored_and_reached_again(bench: Bench) -> None:
+    visitor = bench.visitor
+    with visitor.page("so101") as page:
+        there = measured(page.kind("reading"), "shoulder_pan")
+        stored = visitor.order("/robots/so101/poses/store", name="here")["poses"]["here"]
+        assert abs(stored["shoulder_pan"] - there) < 0.5 and len(stored) == 6
+        assert visitor.order("/robots/so101/pose", targets={"shoulder_pan": there - 15.0})["ok"]
+        page.until(
+            lambda each: each["type"] == "reading" and measured(each, "shoulder_pan") < there - 14, "it has moved"
+        )
+        assert visitor.order("/robots/so101/stop")["ok"] and visitor.order("/robots/so101/resume")["ok"]
+        assert visitor.order("/robots/so101/pose", targets=stored)["ok"]
+        seen = len(page.messages)
+        until(
+            lambda: any(
+                each["type"] == "reading" and measured(each, "shoulder_pan") > there - 1
+                for each in page.messages[seen:]
+            ),
+            "it is back",
+        )
+    assert visitor.order("/robots/so101/poses/remove", name="here")["poses"] == {}
+    gone = visitor.http.post("/robots/so101/poses/remove", content=b'{"name": "here"}')
+    assert gone.status_code == 409 and "no pose here" in gone.text
+
+
 BAD_MESSAGES: tuple[str | bytes, ...] = (
     "",
     "{}",

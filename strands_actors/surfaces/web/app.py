@@ -31,6 +31,7 @@ from .access import Access, Denied, Role, Session
 from .guard import asked_of
 from .live import Conversation
 from .pictures import MEDIA_TYPE, pictures
+from .poses import BadPoses, Poses
 from .robots import Robots
 from .scene import Scenes
 from .seat import Hands
@@ -59,6 +60,12 @@ class PoseOrder(msgspec.Struct, forbid_unknown_fields=True):
 
     targets: dict[str, float]
     duration: float = 2.0
+
+
+class PoseName(msgspec.Struct, forbid_unknown_fields=True):
+    """The name of a stored pose."""
+
+    name: str
 
 
 class PolicyOrder(msgspec.Struct, forbid_unknown_fields=True):
@@ -96,6 +103,7 @@ class Console:
         client: The client of the mesh.
         config: The configuration of the mesh, for streams of pictures.
         robots: The newest samples.
+        poses: The stored poses.
         access: The sessions.
         estop_url: Returns the address of the e-stop's page, for the scheme and host of a request.
         pairing_url: Address at which another device is let in; empty if the server is only for this computer.
@@ -107,6 +115,7 @@ class Console:
         client: MeshClient,
         config: MeshConfig,
         robots: Robots,
+        poses: Poses,
         access: Access,
         estop_url: Callable[[str, str], str],
         pairing_url: str,
@@ -115,6 +124,7 @@ class Console:
         self._client = client
         self._config = config
         self._robots = robots
+        self._poses = poses
         self._access = access
         self._estop_url = estop_url
         self._pairing_url = pairing_url
@@ -138,6 +148,9 @@ class Console:
                 Route("/robots/{robot}/estop", order(self._estop, Role.VIEWER), methods=["POST"]),
                 Route("/robots/{robot}/resume", order(self._resume, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/pose", order(self._pose, Role.OPERATOR), methods=["POST"]),
+                Route("/robots/{robot}/poses", order(self._poses_of, Role.VIEWER), methods=["GET"]),
+                Route("/robots/{robot}/poses/store", order(self._store, Role.OPERATOR), methods=["POST"]),
+                Route("/robots/{robot}/poses/remove", order(self._remove, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/policy", order(self._policy, Role.OPERATOR), methods=["POST"]),
                 Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
                 Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
@@ -232,6 +245,8 @@ class Console:
                 return _json(await carry_out(request, session))
             except Bad as bad:
                 return _text(bad.status, str(bad))
+            except BadPoses as bad:
+                return _text(409, str(bad))
 
         return handle
 
@@ -254,6 +269,26 @@ class Console:
                 clock=clock, deadline_ns=deadline_ns, target_joints=order.targets, duration=order.duration
             ),
         )
+
+    async def _poses_of(self, request: Request, session: Session) -> dict[str, Any]:
+        return {"poses": self._poses.of(_robot(request))}
+
+    async def _store(self, request: Request, session: Session) -> dict[str, Any]:
+        """Store where the robot is now."""
+        order, robot = await _body(request, PoseName), _robot(request)
+        watched = self._robots.get(robot)
+        reading = watched.joints if watched is not None else None
+        joints = {} if reading is None else {each.name: each.measured for each in reading.joints}
+        known = {name: measured for name, measured in joints.items() if measured is not None}
+        if not known or watched is None or watched.is_silent:
+            raise Bad(409, f"{robot} does not tell where it is, so there is nothing to store.")
+        self._poses.store(robot, order.name, known)
+        return {"poses": self._poses.of(robot)}
+
+    async def _remove(self, request: Request, session: Session) -> dict[str, Any]:
+        order, robot = await _body(request, PoseName), _robot(request)
+        self._poses.remove(robot, order.name)
+        return {"poses": self._poses.of(robot)}
 
     async def _policy(self, request: Request, session: Session) -> dict[str, Any]:
         order = await _body(request, PolicyOrder)

@@ -21,6 +21,8 @@ from strands_actors.surfaces.view.viewer import Viewer
 
 MOST_EVENTS = 100
 """Number of events that are kept of each robot."""
+SILENT_S = 1.0
+"""After so long without a sample, in seconds, a robot counts as silent. It sends ten a second."""
 FORGET_S = 3600.0
 """After so long without a sample, in seconds, a robot is forgotten."""
 
@@ -107,6 +109,10 @@ class Watched:
         pass
 
     # -- for pages
+
+    @property
+    def is_silent(self) -> bool:
+        return self._now_s() - self.last_s > SILENT_S
 
     def summary(self) -> Summary:
         presence, state, health = self.viewer.presence, self.viewer.state, self.viewer.health

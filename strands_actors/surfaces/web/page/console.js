@@ -42,6 +42,7 @@ const orders = {
     told(`${robot} resume`, await orders.post(`/robots/${robot}/resume`), "armed")
   },
   async policy(robot, body) { told(`${robot} policy`, await orders.post(`/robots/${robot}/policy`, body), "started") },
+  async pose(robot, name, targets) { told(`${robot} to ${name}`, await orders.post(`/robots/${robot}/pose`, {targets}), "on its way") },
   jog(message) { send({type: "jog", ...message}) },
 }
 

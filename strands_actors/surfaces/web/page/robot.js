@@ -29,7 +29,9 @@ export class RobotView {
     this.canvas = el("canvas", {"aria-label": `${name} in 3-D`, role: "img"})
     this.noModel = el("p", {class: "no-model"}, "reading the model …")
     this.plots = new Plots()
+    this.poses = el("ul", {class: "poses"})
     this.root = this.build()
+    orders.get(`/robots/${name}/poses`).then(answer => answer && this.showPoses(answer.poses))
     this.letGo = () => this.release()
     addEventListener("blur", this.letGo)
     document.addEventListener("visibilitychange", this.letGo)
@@ -56,7 +58,26 @@ export class RobotView {
         this.seat, this.table),
       el("section", {class: "below"}, this.plots.root),
       el("section", {class: "below"}, el("h2", {}, "What happened"), this.events, this.sensorsTitle, this.sensors,
-        mayCommand && this.policyForm()))
+        el("h2", {}, "Poses"), this.poses, mayCommand && this.poseForm(), mayCommand && this.policyForm()))
+  }
+
+  poseForm() {
+    const name = el("input", {name: "pose", maxlength: 40, required: true, placeholder: "name", "aria-label": "name of the pose"})
+    const store = async event => {
+      event.preventDefault()
+      const answer = await this.orders.post(`/robots/${this.name}/poses/store`, {name: name.value})
+      if (answer) { this.showPoses(answer.poses); name.value = "" }
+    }
+    return el("form", {class: "policy", onsubmit: store}, name, el("button", {}, "store where it is now"))
+  }
+
+  showPoses(poses) {
+    this.poses.replaceChildren(...Object.entries(poses).map(([name, targets]) => el("li", {},
+      el("button", {disabled: !this.mayCommand, onclick: () => this.orders.pose(this.name, name, targets)}, `go to ${name}`),
+      this.mayCommand && el("button", {class: "quiet", "aria-label": `remove ${name}`, onclick: async () => {
+        const answer = await this.orders.post(`/robots/${this.name}/poses/remove`, {name})
+        if (answer) this.showPoses(answer.poses)
+      }}, "×"))))
   }
 
   policyForm() {
