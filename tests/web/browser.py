@@ -8,13 +8,14 @@ import ssl
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 PATIENCE_S = 30.0
@@ -61,7 +62,7 @@ class Visitor:
 class OpenPage:
     """A page that shows a robot. Its messages are received in a thread."""
 
-    def __init__(self, connection: connect, robot: str) -> None:
+    def __init__(self, connection: AbstractContextManager[ClientConnection], robot: str) -> None:
         self.messages: list[dict[str, Any]] = []
         self.closed = threading.Event()
         self._connection = connection

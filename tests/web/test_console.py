@@ -142,10 +142,10 @@ def test_the_estop_has_its_own_origin_and_no_script(bench: Bench) -> None:
     visitor, url = bench.visitor, bench.estop
     parts = urlsplit(url)
     assert parts.netloc not in visitor.origin
-    page = visitor.http.get(url)
-    assert page.headers["Origin-Agent-Cluster"] == "?1" and "<script" not in page.text
-    assert "script-src" not in page.headers["Content-Security-Policy"]
-    assert f"frame-ancestors {visitor.origin}" in page.headers["Content-Security-Policy"]
+    served = visitor.http.get(url)
+    assert served.headers["Origin-Agent-Cluster"] == "?1" and "<script" not in served.text
+    assert "script-src" not in served.headers["Content-Security-Policy"]
+    assert f"frame-ancestors {visitor.origin}" in served.headers["Content-Security-Policy"]
     evil = visitor.http.post(url, headers={"Origin": "http://evil.example"})
     assert evil.status_code == 403
     done = visitor.http.post(url, headers={"Origin": f"{parts.scheme}://{parts.netloc}"})

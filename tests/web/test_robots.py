@@ -11,7 +11,7 @@ from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.supervisors.mesh.schemas import key
 from strands_actors.surfaces.web.robots import FORGET_S, MOST_EVENTS, Robots
 
-STATE = {
+STATE: dict[str, Any] = {
     "peer_id": "arm",
     "t": 1.0,
     "state": "armed",
