@@ -66,6 +66,17 @@ class Jointed:
         self._jam = [model.equality(f"{name}_jam").id for name in self.joints]
         self._qpos = np.array([int(model.jnt_qposadr[joint]) for joint in self._joint])
         self._dof = np.array([int(model.jnt_dofadr[joint]) for joint in self._joint])
+        self._base = self._free_base()
+
+    def _free_base(self) -> tuple[int, int] | None:
+        """Return the addresses of the free joint of the robot's base in ``qpos`` and ``qvel``; None if its base is
+        fixed or moves on joints of its own."""
+        model = self.model
+        bodies = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in self._joint}
+        first = int(model.body_jntadr[bodies.pop()]) if len(bodies) == 1 else -1
+        if first < 0 or model.jnt_type[first] != mujoco.mjtJoint.mjJNT_FREE:
+            return None
+        return int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
 
     @property
     def time_s(self) -> float:
@@ -84,6 +95,19 @@ class Jointed:
     def effort_nm(self) -> tuple[float, ...]:
         """Return the torque of each joint's actuator. It does not include gravity."""
         return tuple(self.data.actuator_force[self._actuator].tolist())
+
+    @property
+    def base_xyz_m(self) -> tuple[float, ...]:
+        """Return the position of a base that moves freely; empty for any other robot. So are the two below."""
+        return () if self._base is None else tuple(self.data.qpos[self._base[0] :][:3].tolist())
+
+    @property
+    def base_orientation_wxyz(self) -> tuple[float, ...]:
+        return () if self._base is None else tuple(self.data.qpos[self._base[0] + 3 :][:4].tolist())
+
+    @property
+    def base_gyro_rad_s(self) -> tuple[float, ...]:
+        return () if self._base is None else tuple(self.data.qvel[self._base[1] + 3 :][:3].tolist())
 
     def set_stuck(self, index: int, on: bool) -> None:
         """Seize the gearbox of a joint, or free it. A seized joint keeps its position under any load."""

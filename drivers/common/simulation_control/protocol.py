@@ -146,6 +146,10 @@ class Sample(Frame, frozen=True):
     effort: tuple[float, ...]  # newton metres; newtons for a linear axis
     # Controller of each joint. 1: commands in the robot's real protocol, 2: the simulation, 0: neither of these.
     commanders: tuple[int, ...]
+    # Of a base that moves freely; otherwise empty.
+    base_xyz_m: tuple[float, ...] = ()
+    orientation_wxyz: tuple[float, ...] = ()
+    gyro_rad_s: tuple[float, ...] = ()
 
 
 class Picture(Frame, frozen=True):

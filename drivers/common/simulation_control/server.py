@@ -179,6 +179,9 @@ class SimulationControl:
             tuple(felt.velocity),
             tuple(felt.effort),
             tuple(int(commander) for commander in felt.commanders),
+            tuple(felt.base_xyz_m),
+            tuple(felt.orientation_wxyz),
+            tuple(felt.gyro_rad_s),
         )
 
     def _change(self, request: p.Change) -> p.Reply:

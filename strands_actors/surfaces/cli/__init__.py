@@ -22,14 +22,18 @@ from .options import (
     Every,
     Id,
     Json,
+    Keyframe,
     Kind,
     Mesh,
+    Model,
+    Onboard,
     Running,
     What,
     Which,
     cameras_of,
     finite,
     one_or_all,
+    scene_of,
     settings_of,
 )
 from .stop_forms import spelled
@@ -279,6 +283,9 @@ def run_(
         bool, typer.Option("--twin", help="Use the robot's twin. Without --twin and --port: a simulation.")
     ] = False,
     camera: Cameras = None,
+    model: Model = None,
+    keyframe: Keyframe = None,
+    onboard: Onboard = None,
     id_: Id = None,
     json: Json = False,
 ) -> None:
@@ -286,7 +293,8 @@ def run_(
     from .one_robot import OneRobot
     from .run_policy import run_policy
 
-    chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()))
+    scene = scene_of(model, keyframe, onboard)
+    chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()), scene)
     options = settings_of("run", option or ())
     raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, options, as_json=json))
 
