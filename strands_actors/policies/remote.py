@@ -86,7 +86,7 @@ class Remote(Policy):
             raise ValueError(f"remote: encoding is {encoding!r}. Use one of {', '.join(CODECS)}")
         self.robot_state_keys = list(axes)
         self._state_key = state_key
-        self._eyes = _eyes(images or {}, robot, cameras)
+        self._eyes = eyes(images or {}, robot, cameras)
         self._encoding = encoding
         self._hz = 0.0
         self._timeout_s = timeout_s
@@ -248,7 +248,7 @@ class Remote(Policy):
             raise ConnectionError(f"{self._url} {problem}") from problem
 
 
-def _eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list[Eye]:
+def eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list[Eye]:
     """Return an ``Eye`` (a camera) for each picture of a request. Raise ``ValueError`` for an unknown camera."""
     if not images:
         return []
@@ -259,7 +259,7 @@ def _eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list
     names = cameras or cameras_of(robot)
     if unknown := sorted(set(images.values()) - set(names)):
         has = f"cameras {', '.join(names)}" if names else "no cameras"
-        raise ValueError(f"remote: images names {', '.join(unknown)}, and the robot has {has}. Give Robot cameras=")
+        raise ValueError(f"images names {', '.join(unknown)}, and the robot has {has}. Give Robot cameras=")
     return [Eye(key, attach_camera(robot, camera), None) for key, camera in images.items()]
 
 
@@ -286,7 +286,7 @@ class RemotePolicy(Policy):
         timeout_s: float = 5.0,
     ) -> None:
         if endpoint is not None:
-            host, port, path = parse_endpoint(endpoint)
+            host, port, path = parse_endpoint(endpoint, ("ws",))
         self._place: dict[str, Any] = {"host": host, "port": port, "path": path}
         self._place |= {"encoding": encoding, "timeout_s": timeout_s}
         self._hz = 0.0

@@ -691,7 +691,7 @@ class RealRobot(RobotTool):
             policy_port: Port of a policy server (``policy_provider="remote"``).
             policy_host: Host of that server.
             policy_provider: ``mock``, ``sine``, ``remote``, ``lerobot_local``, a registered name, the
-                name of another package's policy, ``module:factory``, or ``ws://host:port``.
+                name of another package's policy, ``module:factory``, ``ws://host:port`` or ``zmq://host:port``.
             duration: Longest time in seconds.
             control_frequency: Actions per second, above 0 and at most 1000. None: the driver's control
                 rate.
@@ -728,7 +728,7 @@ class RealRobot(RobotTool):
 
         Args:
             policy: A policy object or a callable, as for ``run_policy``; a name, as for ``start_task``; the
-                folder of a checkpoint; or a policy server, ``"ws://host:port"``.
+                folder of a checkpoint; or a policy server, ``"ws://host:port"`` or ``"zmq://host:port"``.
             seconds: Duration from the first action. A policy may load for up to 300 s before it.
             instruction: Text for the policy.
             control_frequency: Actions per second, above 0 and at most 1000. None: the rate that the policy
