@@ -94,7 +94,8 @@ def modalities_of(content: Any) -> Modalities:
     """
     if not isinstance(content, dict):
         raise Misunderstood("sent no description of its modalities")
-    nested, keys = True, {}
+    nested = True
+    keys: dict[str, tuple[str, ...]] = {}
     for name in (STATE, VIDEO, ACTION, LANGUAGE):
         entry = content.get(name)
         described = entry.get(AS_JSON) if isinstance(entry, dict) else None
@@ -230,9 +231,9 @@ def unpacked(name: str, value: Any) -> NDArray[Any]:
         raise Misunderstood(f"sent {name!r} as {type(value).__name__}, not as an array")
     file = io.BytesIO(content)
     try:
-        version = np.lib.format.read_magic(file)
+        version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, by_column, dtype = read(file)
+        shape, by_column, dtype = read(file)  # type: ignore[no-untyped-call]
     except (ValueError, EOFError, TypeError, SyntaxError) as wrong:
         raise Misunderstood(f"sent {name!r} as no array in the NPY format: {wrong}") from wrong
     data = content[file.tell() :]

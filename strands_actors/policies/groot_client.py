@@ -14,7 +14,7 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from . import groot
-from .lerobot import Eye
+from .lerobot import Attach, Eye
 from .remote import MAX_BYTES, eyes
 from .remote_errors import Misunderstood
 
@@ -40,6 +40,7 @@ class Groot:
         images: The robot's camera by the key of a picture. The default: the camera of the same name.
         robot: Name under which the robot was started.
         cameras: Names of the robot's cameras.
+        attach: As in ``Remote``.
 
     Raises:
         ConnectionError: The server cannot be reached, closes, or sends a wrong message. Its methods raise it, too.
@@ -62,6 +63,7 @@ class Groot:
         images: Mapping[str, str] | None = None,
         robot: str = "",
         cameras: Sequence[str] = (),
+        attach: Attach | None = None,
     ) -> None:
         self._url = f"zmq://{host}:{port}"
         self._timeout_s = timeout_s
@@ -79,13 +81,15 @@ class Groot:
                 raise ConnectionError(f"{self._url}: {failure}") from failure
             self._modalities = self._call(groot.modalities_of, "get_modality_config")
             self._joints = groot.joints_of(self._modalities, axes, joints)
-            self._eyes = self._eyes_of(images, robot, cameras)
+            self._eyes = self._eyes_of(images, robot, cameras, attach)
             failed.pop_all()
         self.requires_images = bool(self._eyes)
 
-    def _eyes_of(self, images: Mapping[str, str] | None, robot: str, cameras: Sequence[str]) -> list[Eye]:
+    def _eyes_of(
+        self, images: Mapping[str, str] | None, robot: str, cameras: Sequence[str], attach: Attach | None
+    ) -> list[Eye]:
         keys = self._modalities.keys[groot.VIDEO]
-        found = eyes(images or {key: key for key in keys}, robot, cameras)
+        found = eyes(images or {key: key for key in keys}, robot, cameras, attach)
         if missing := sorted(set(keys) - {eye.key for eye in found}):
             raise ValueError(f"groot: the policy needs pictures {', '.join(missing)[:200]}. Name all in images")
         return found

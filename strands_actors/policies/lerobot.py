@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,7 @@ from .scale import NORMALIZED, Scale, unit_word
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras import CameraReader
 
+Attach = Callable[[str, str], "CameraReader"]
 IMAGES = "observation.images."
 FIRST_PICTURE_S = 15.0
 """How long to wait for the first picture of a camera that was just started. Nothing moves before it."""
@@ -64,6 +65,7 @@ class LerobotLocal:
             ``{"observation.images.wrist": "observation.images.camera1"}``.
         rtc: Use real-time chunking, which blends each chunk of actions into the previous one.
         execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
+        attach: Returns the reader of a camera, by the names of robot and camera. None: ``attach_camera``.
 
     Raises:
         ValueError: The checkpoint cannot control these axes. Exceptions of lerobot while it loads are not
@@ -86,6 +88,7 @@ class LerobotLocal:
         rename_map: Mapping[str, str] | None = None,
         rtc: bool = False,
         execution_horizon: int = HORIZON,
+        attach: Attach | None = None,
     ) -> None:
         folder = checkpoint_folder(pretrained_name_or_path)
         self._axes = list(axes)
@@ -98,7 +101,7 @@ class LerobotLocal:
         _leave_a_processor()
         config = PreTrainedConfig.from_pretrained(folder)
         _check(config, self._axes, folder)
-        self._eyes = _eyes(config, robot, cameras, rename_map or {}, folder)
+        self._eyes = _eyes(config, robot, cameras, rename_map or {}, folder, attach)
         self.requires_images = bool(self._eyes)
         self.supports_rtc = rtc
         self.execution_horizon = execution_horizon
@@ -239,7 +242,14 @@ class Eye:
         return isinstance(self._reader.newest(), Stale)
 
 
-def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
+def _eyes(
+    config: Any,
+    robot: str,
+    cameras: Sequence[str],
+    rename_map: Mapping[str, str],
+    folder: str,
+    attach: Attach | None,
+) -> list[Eye]:
     """Return an ``Eye`` (a camera) for each picture that the checkpoint needs.
 
     Raises:
@@ -260,7 +270,8 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
             f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. Give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
-    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in features.items()]
+    read = attach or attach_camera
+    return [Eye(key, read(robot, named[key]), feature.shape) for key, feature in features.items()]
 
 
 def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:

@@ -100,7 +100,7 @@ def boastful() -> dict[str, Any]:
     """Return an array of 80 bytes that states a shape of a terabyte."""
     file = io.BytesIO()
     header = {"descr": "<f8", "fortran_order": False, "shape": (1, 10**6, 10**5)}
-    np.lib.format.write_array_header_1_0(file, header)
+    np.lib.format.write_array_header_1_0(file, header)  # type: ignore[no-untyped-call]
     return {"__ndarray_class__": True, "as_npy": file.getvalue() + bytes(80)}
 
 

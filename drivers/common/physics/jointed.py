@@ -48,6 +48,7 @@ class Jointed:
         self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
+        self._is_paused = False
         # Position and orientation (quaternion) at which the robot was placed; None if it was not moved.
         self.placed: tuple[Any, Any] | None = None
         self._bind()
@@ -118,7 +119,7 @@ class Jointed:
     def catch_up(self, now_s: float) -> None:
         """Simulate up to the time ``now_s`` of any monotonic clock. The first call sets the origin of this
         clock."""
-        if self._origin_s is None:
+        if self._origin_s is None or self._is_paused:
             self._origin_s = now_s - self.data.time
         behind_s = now_s - self._origin_s - self.data.time
         longest_s = min(LONGEST_CATCH_UP_S, self._solver.max_steps * self._step_s)
@@ -128,6 +129,10 @@ class Jointed:
         steps = int(behind_s / self._step_s + 1e-6)
         if steps > 0:
             self._solver.step(self.model, self.data, steps)
+
+    def pause(self, on: bool) -> None:
+        """Stop the simulated time, so that it advances only by ``step``, or let it run again."""
+        self._is_paused = on
 
     def step(self, steps: int) -> None:
         """Compute this number of time steps at once, in addition to those that ``catch_up`` computes."""

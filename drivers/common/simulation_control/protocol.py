@@ -127,6 +127,25 @@ class Load(Frame, frozen=True):
     name: str
 
 
+class Pause(Frame, frozen=True):
+    """Stop the time of the simulation, so that it advances only by ``Step``; or let it run again. Reply: ``Done``,
+    or ``No`` if it is refused."""
+
+    on: bool
+
+
+class SetLight(Frame, frozen=True):
+    """Change the light of pictures. Reply: ``Done``, or ``No`` if it is refused."""
+
+    brightness: float  # 1 is the usual light
+    azimuth_deg: float  # direction from which the main lamp shines, from above: 0 is along x, 90 along y
+    elevation_deg: float  # its height above the horizon
+
+
+class GetObjects(Frame, frozen=True):
+    """Request the poses of the objects that were added. Reply: ``Objects``."""
+
+
 class GetModel(Frame, frozen=True):
     """Request the scene as a compiled MuJoCo model. Reply: ``Model``, or ``No`` if it is refused."""
 
@@ -173,6 +192,12 @@ class Pose(Frame, frozen=True):
     scene: int = 0
 
 
+class Objects(Frame, frozen=True):
+    """Reply to ``GetObjects``: position (m) and orientation (w, x, y, z) of each object by its name."""
+
+    poses: dict[str, tuple[float, ...]]
+
+
 class Done(Frame, frozen=True):
     """Reply to a request that was carried out and returns no data."""
 
@@ -181,9 +206,10 @@ class No(Frame, frozen=True):
     reason: str
 
 
-Change = AddObject | AddCamera | RemoveObject | Save
-Request = Handshake | Take | Aim | Safe | Read | Reset | Step | Render | Load | Change | GetModel | GetPose
-Reply = Axes | Sample | Picture | Model | Pose | Done | No
+Change = AddObject | AddCamera | RemoveObject | Save | Pause | SetLight
+Question = Read | Render | GetModel | GetPose | GetObjects
+Request = Handshake | Take | Aim | Safe | Reset | Step | Load | Change | Question
+Reply = Axes | Sample | Picture | Model | Pose | Objects | Done | No
 
 FrameT = TypeVar("FrameT")
 

@@ -50,6 +50,23 @@ def cameras_of(verb: str, texts: Sequence[str]) -> dict[str, dict[str, Any]] | N
     return cameras or None
 
 
+Policy = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|DIR|ws://HOST:PORT|zmq://HOST:PORT|MODULE:CLASS",
+        help="A policy by name (mock, sine ...), the folder of a checkpoint or an ONNX policy, or a server.",
+    ),
+]
+PolicyHz = Annotated[
+    float | None,
+    typer.Option(callback=finite, help="Actions per second. Default: that of the policy, or of the robot."),
+]
+PolicyOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--option", metavar="KEY=VALUE", help="An option of the policy, such as units=degrees. Can be repeated."
+    ),
+]
 Model = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="Simulate this MJCF or URDF under the robot's name."),
