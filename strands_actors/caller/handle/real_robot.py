@@ -719,6 +719,7 @@ class RealRobot(RobotTool):
         instruction: str = "",
         control_frequency: float | None = None,
         progress: Show | bool | None = None,
+        max_age: float = running.MAX_AGE_S,
         **options: Any,
     ) -> Answer:
         """Let a policy control the robot for some seconds, and return what happened.
@@ -736,18 +737,23 @@ class RealRobot(RobotTool):
             progress: A function that gets a dictionary ten times a second: ``running``, ``steps``, ``hz``,
                 ``elapsed_s``, ``observation_age_s`` (age of the newest reading) and ``refused``. True: a line on
                 standard error. False: nothing. None: a line if standard error is a terminal.
+            max_age: Largest age of the reading from which an action was computed, when the action is sent, in
+                seconds. An older action is never sent: the run ends, and the robot holds.
             options: Keyword arguments for a policy that runs in a separate process. They must be plain data.
 
         Returns:
             A success if the policy ran for the whole time and the robot confirmed the hold. Keys: ``robot``,
             ``policy``, ``source`` (object, name, folder or server), those of ``get_task_status``, ``refused``
-            (setpoints that the gate refused), ``observation_age_s``, and those of ``stop``.
+            (setpoints that the gate refused), ``observation_age_s``, ``action_age_s`` (the largest age that
+            ``max_age`` limits), and those of ``stop``.
 
         Example:
             arm.run("mock", seconds=5)
         """
         try:
-            run = running.Run(self._driver, policy, seconds, instruction, control_frequency, progress, options)
+            run = running.Run(
+                self._driver, policy, seconds, instruction, control_frequency, progress, max_age, options
+            )
         except (TypeError, ValueError) as failure:
             return answers.error(f"{running.RUN}: {failure}")
         begun = self._verb(run.begin, running.RUN)

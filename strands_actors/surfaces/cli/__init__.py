@@ -273,6 +273,12 @@ def run_(
     twin: Annotated[
         bool, typer.Option("--twin", help="Use the robot's twin. Without --twin and --port: a simulation.")
     ] = False,
+    max_age: Annotated[
+        float,
+        typer.Option(
+            "--max-age", min=0.01, callback=finite, help="Largest age (s) of the reading behind a sent action."
+        ),
+    ] = 10.0,
     camera: Cameras = None,
     model: Model = None,
     keyframe: Keyframe = None,
@@ -287,7 +293,7 @@ def run_(
     scene = scene_of(model, keyframe, onboard)
     chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()), scene)
     options = settings_of("run", option or ())
-    raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, options, as_json=json))
+    raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, max_age, options, as_json=json))
 
 
 @app.command("eval")
