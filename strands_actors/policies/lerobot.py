@@ -12,6 +12,12 @@ With ``rtc=True`` a flow-matching policy (pi0, pi05, smolvla) blends each chunk 
 (lerobot's real-time chunking). Its input then has the rest of the previous chunk, and the number of
 actions in it that will be executed before the new chunk.
 
+A policy that reads several observations (diffusion, vqbet) collects them one period apart before each chunk, and
+returns no action meanwhile. So its chunk, too, is computed while the last one is executed.
+
+A chunk begins at the time of its observation, and is executed when the last chunk ends. With ``align=True`` the
+actions whose time has passed by then are left out. So each action is executed at the time for which it was planned.
+
 A checkpoint does not state the units of its numbers. They depend on the recording of its data
 (``use_degrees`` of lerobot's arms; the default differs by arm and version). So ``units`` has no default:
 
@@ -41,7 +47,7 @@ FIRST_PICTURE_S = 15.0
 LOOK_S = 0.02
 HORIZON = 10
 """Number of actions of a chunk that are executed before the next chunk is blended in (lerobot's default)."""
-STATE = "observation.state"
+STATE, ACTION = "observation.state", "action"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
 
 
@@ -65,6 +71,7 @@ class LerobotLocal:
             ``{"observation.images.wrist": "observation.images.camera1"}``.
         rtc: Use real-time chunking, which blends each chunk of actions into the previous one.
         execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
+        align: Leave out the first actions of each chunk, whose time has passed when they could be executed.
         attach: Returns the reader of a camera, by the names of robot and camera. None: ``attach_camera``.
 
     Raises:
@@ -88,6 +95,7 @@ class LerobotLocal:
         rename_map: Mapping[str, str] | None = None,
         rtc: bool = False,
         execution_horizon: int = HORIZON,
+        align: bool = False,
         attach: Attach | None = None,
     ) -> None:
         folder = checkpoint_folder(pretrained_name_or_path)
@@ -118,10 +126,16 @@ class LerobotLocal:
         self._into, self._out_of = make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides={"device_processor": {"device": device}}
         )
-        # A policy that remembers observations must get every observation, so it returns one action at a time. Any
-        # other policy returns all actions that it has planned from one observation.
-        remembers = getattr(config, "n_obs_steps", 1) != 1
-        self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
+        # A policy that remembers observations in another way than in queues must get every observation, so it
+        # returns one action at a time. Any other policy returns all actions that it has planned.
+        self._observations = int(getattr(config, "n_obs_steps", 1))
+        self._collects = self._observations != 1 and ACTION in (getattr(self._policy, "_queues", None) or {})
+        steps = int(getattr(config, "n_action_steps", 1))
+        self._steps = steps if self._observations == 1 or self._collects else 1
+        if align and (rtc or self._steps == 1):
+            raise ValueError("lerobot_local: align is for chunks of several actions, without rtc. Leave align out")
+        self._aligns = align
+        self._collected = 0
 
     def reset(self, seed: int | None = None) -> None:
         """Forget observations and plans, and wait for the first pictures.
@@ -134,7 +148,7 @@ class LerobotLocal:
         """
         for part in (self._policy, self._into, self._out_of):
             part.reset()
-        self._rest, self._handed_out, self._pending = None, 0, 0
+        self._rest, self._handed_out, self._pending, self._collected = None, 0, 0, 0
         for eye in self._eyes:
             eye.wait()
 
@@ -150,6 +164,8 @@ class LerobotLocal:
     ) -> list[dict[str, float]]:
         """Return the next ``n_action_steps`` actions, or at most ``execution_horizon`` with ``rtc``.
 
+        The list is empty if the policy needs one more observation first.
+
         Without ``rtc`` it calls ``select_action``, as lerobot's own control loop does. That runs the model once
         and then returns its plan step by step. ``predict_action_chunk`` cannot be used here: some
         policies read queues that only ``select_action`` fills.
@@ -163,7 +179,34 @@ class LerobotLocal:
         batch = self._into(self._prepare(inputs, self._device, task=instruction))
         if self.supports_rtc:
             return self._blended(batch)
-        return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
+        if self._collects and self._collects_one_more(batch):
+            return []
+        first = self._policy.select_action(dict(batch))
+        if self._collects:
+            queue = self._policy._queues[ACTION]
+            planned = [first, *queue]
+            queue.clear()
+        else:
+            planned = [first, *(self._policy.select_action(dict(batch)) for _ in range(self._steps - 1))]
+        passed = self._pending if self._aligns else 0
+        if passed >= len(planned):
+            raise ValueError(
+                f"lerobot_local: {passed} actions are still to be executed, and the new chunk has {len(planned)}. "
+                "Leave align out, or give a lower control_frequency"
+            )
+        return [self._named(action) for action in planned[passed:]]
+
+    def _collects_one_more(self, batch: Any) -> bool:
+        """Give an observation to the policy if it needs further ones before the next chunk. Return True then.
+
+        ``select_action`` stores its observation, and computes a chunk only if its queue of actions is empty.
+        """
+        self._collected = (self._collected + 1) % self._observations
+        if self._collected == 0:
+            return False
+        self._policy._queues[ACTION].append(None)
+        self._policy.select_action(dict(batch))
+        return True
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
         """Return the actions of a new chunk, without those that were returned before and are still to be executed.
