@@ -46,7 +46,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class Modality(msgspec.Struct):
-    """What one kind of input or output has: its keys, and its times relative to now."""
+    """One kind of input or output: its keys, and its times relative to now."""
 
     modality_keys: list[str]
     delta_indices: list[int]
@@ -90,7 +90,7 @@ def modalities_of(content: Any) -> Modalities:
     """Return the inputs and outputs that a server describes.
 
     Raises:
-        Misunderstood: The description is none, or the policy needs several readings or pictures at once.
+        Misunderstood: The description is wrong, or the policy needs several readings or pictures at once.
     """
     if not isinstance(content, dict):
         raise Misunderstood("sent no description of its modalities")

@@ -32,7 +32,7 @@ class Groot:
         axes: Names of the robot's axes.
         host: Host of the server.
         port: Its port.
-        path: Has no effect; an address has none.
+        path: Has no effect.
         timeout_s: Longest time for each response, in seconds.
         api_token: The token that the server demands; empty for none.
         joints: The robot's axes by the key of a state or action of the policy. The default fits a policy with one

@@ -1,6 +1,6 @@
 """Evaluate a policy in a simulation, in episodes that can be repeated.
 
-Each episode has a simulation of its own, whose time is stopped while the policy computes. So the result does not
+Each episode has its own simulation. The simulated time is stopped while the policy computes, so the result does not
 depend on the speed of the computer. A scene function prepares the simulation, with random numbers of the episode's
 seed. The robot's own gate checks each action, as on a real robot.
 """
@@ -113,7 +113,7 @@ class Settings(NamedTuple):
 
 
 class DrawnCamera:
-    """Reads a camera of a simulation whose time is stopped: each picture is drawn when it is read.
+    """Reads a camera of a simulation. Each picture is drawn when it is read.
 
     Args:
         camera: Name of the camera.

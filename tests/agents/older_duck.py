@@ -1,8 +1,8 @@
 """Write the manifest for a network that mjlab has exported for a Microduck.
 
-``python -m tests.agents.older_duck NETWORK.onnx FOLDER`` writes an ONNX policy into the folder. It is for networks of
-51 numbers, as apirrone/microduck_runtime publishes them: without the ten numbers for head and body that newer ones
-read. mjlab writes the names of the joints and their home pose into the network.
+``python -m tests.agents.older_duck NETWORK.onnx FOLDER`` writes an ONNX policy into the folder. It is for networks
+of 51 numbers, as apirrone/microduck_runtime publishes them: without the ten numbers for head and body that newer
+ones read. mjlab writes the names of the joints and their home pose into the network.
 """
 
 from __future__ import annotations
