@@ -102,6 +102,9 @@ class Buffer:
             took_ns: Duration of their computation.
             observed_ns: Time of the reading from which they were computed.
         """
+        if not chunk:
+            # The policy needs one more observation first. The buffer is still as low as before.
+            return
         self._actions.extend((action, observed_ns) for action in chunk)
         lasts = MARGIN * took_ns / self._period_ns
         spare = math.ceil(lasts) if self._period_ns < ASK_EVERY_S * NS else int(lasts)
