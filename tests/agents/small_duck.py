@@ -3,12 +3,15 @@
 The network is linear. Its outputs for ``head_yaw`` and ``head_roll`` are a clock: each output is the last one,
 turned by a small angle, and the input has the last output. The legs follow this clock. The hips shift the weight to
 one foot, while the other foot moves forward: a shuffle that needs no balance.
+
+``python -m tests.agents.small_duck FOLDER`` writes ``duck.xml`` and the skill ``walk`` into the folder.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 from strands_actors.policies.onnx.microduck import ACTIONS, COMMAND, CONTROL_HZ, HOME_RAD, OBSERVATIONS
@@ -97,3 +100,7 @@ def write(folder: Path) -> tuple[Path, Path]:
     claims = {"schema": 2, "name": "walk", "file": "walk.onnx", "kind": "perpetual", "robot": robot, **sizes}
     (skill / "manifest.json").write_text(json.dumps(claims))
     return folder / "duck.xml", skill
+
+
+if __name__ == "__main__":
+    print(*write(Path(sys.argv[1])))
