@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from strands_actors.caller.handle.sim_robot import SimRobot
+from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.contract.wire import Observation
 from strands_actors.policies.registry import choose_provider, robot_facts
@@ -86,6 +87,8 @@ def evaluate(request: Request, as_json: bool) -> int:
     Raises:
         Problem: Nothing was started: the robot, the policy or a function is unknown.
     """
+    if request.out is not None and (reason := missing("dataset", "a film of an episode (--out)")):
+        raise Problem(f"eval: {reason}")
     # Functions of the user are in the current directory, which is not in the path of a console script.
     sys.path.insert(0, os.getcwd())
     try:
