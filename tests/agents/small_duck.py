@@ -22,7 +22,7 @@ JOINTS = tuple(HOME_RAD)
 LAST_ACTION = OBSERVATIONS - COMMAND - ACTIONS
 TWIST = OBSERVATIONS - COMMAND
 STEPS_HZ = 3.0
-RADIUS_RAD = 0.2
+RADIUS_RAD = 0.15
 SHIFT, STRIDE = 1.5, 1.0
 """Amplitudes of the sideways shift and of the stride, as shares of the clock's."""
 
@@ -45,7 +45,7 @@ def model() -> str:
          <body>{joint(f"{side}_hip_roll", "1 0 0")}{mass(0.02, ".01 .01 .01")}
           <body>{joint(f"{side}_hip_pitch", "0 1 0")}{mass(0.02, ".008 .008 .025", "0 0 -.025")}
            <body pos="0 0 -.05">{joint(f"{side}_knee", "0 1 0")}{mass(0.02, ".008 .008 .02", "0 0 -.02")}
-            <body pos="0 0 -.04">{joint(f"{side}_ankle", "0 1 0")}{mass(0.04, ".05 .02 .005", "0 0 -.005", 1)}
+            <body pos="0 0 -.04">{joint(f"{side}_ankle", "0 1 0")}{mass(0.04, ".05 .028 .005", "0 0 -.005", 1)}
         </body></body></body></body></body>"""
 
     names = "".join(f'<position joint="{name}" kp="10" kv=".2"/>' for name in JOINTS)

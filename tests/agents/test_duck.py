@@ -67,7 +67,7 @@ def test_a_skill_of_schema_2_walks_and_the_duck_stands_when_its_policy_is_killed
     os.kill(pids(duck)["policy"], signal.SIGKILL)
     task_ended(duck)
     time.sleep(1.0)
-    assert stands(duck, 0.08)
+    assert stands(duck, 0.08), json_of(duck.state())
     still_m = forward_m(duck)
     time.sleep(0.2)
     assert forward_m(duck) == pytest.approx(still_m, abs=0.002)
