@@ -37,13 +37,15 @@ class OnboardPolicy:
         )
         self.period = max(1, round(1 / (self._policy.control_hz * TIMESTEP_S)))
         """Number of time steps in one control period."""
+        self._kept: dict[str, float] = {}
 
     def begin(self) -> None:
+        """Forget earlier readings, and keep the joints that the policy does not move where they are now."""
         self._policy.reset()
+        self._kept = dict(zip(self._names, self._plant.position_rad, strict=True))
 
     def targets(self) -> list[float]:
-        """Return the targets of the joints for the present state. A joint that the policy does not move keeps its
-        position."""
+        """Return the targets of the joints for the present state."""
         plant = self._plant
         quaternion = plant.base_orientation_wxyz
         sensors = {
@@ -54,6 +56,5 @@ class OnboardPolicy:
         position = plant.position_rad
         reading = Observation(0, position, (0,) * len(position), plant.velocity_rad_s, sensors)
         self._policy.set_reading(reading)
-        now = dict(zip(self._names, position, strict=True))
-        chosen = self._policy.get_actions_sync(now, "")[0]
-        return [chosen.get(name, now[name]) for name in self._names]
+        chosen = self._policy.get_actions_sync(dict(zip(self._names, position, strict=True)), "")[0]
+        return [chosen.get(name, self._kept[name]) for name in self._names]

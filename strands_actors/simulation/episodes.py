@@ -234,7 +234,7 @@ class _Running:
     def _is_success(self, positions: Mapping[str, float]) -> bool:
         simulation = self._simulation
         objects = simulation.call(simulation.world.objects) if self._start else {}
-        time_s = (self.steps) / self._settings.hz
+        time_s = self.steps / self._settings.hz
         return bool(self._settings.success(Moment(time_s, positions, objects, self._start)))
 
 
