@@ -143,6 +143,11 @@ def test_saf_014_a_lie_of_an_object_never_reaches_the_wire(arm: RealRobot, twin:
     assert not twin.log.host("setpoint")
 
 
+def late(request: dict[str, Any]) -> dict[str, Any]:
+    time.sleep(1.0)
+    return {"actions": [creep(request["observation"])]}
+
+
 SERVER_LIES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "its own error": (lambda request: {"error": "CUDA out of memory"}, "reports an error: CUDA out of memory"),
     "a text": (lambda request: {"actions": "left"}, "not a chunk of actions: Expected `array`, got `str`"),
@@ -158,6 +163,9 @@ def test_saf_014_a_lie_of_a_server_never_reaches_the_wire(arm: RealRobot, twin: 
         with server(reply) as (port, _):
             answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0)
         assert text in why(answer), (lie, answer)
+    with server(late) as (port, _):
+        answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0, timeout_s=0.3)
+    assert f"ws://127.0.0.1:{port}/ did not answer within 0.3 s" in why(answer)
     assert not twin.log.host("setpoint")
 
 
