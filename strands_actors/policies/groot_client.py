@@ -89,10 +89,10 @@ class Groot:
         self, images: Mapping[str, str] | None, robot: str, cameras: Sequence[str], attach: Attach | None
     ) -> list[Eye]:
         keys = self._modalities.keys[groot.VIDEO]
-        found = eyes(images or {key: key for key in keys}, robot, cameras, attach)
-        if missing := sorted(set(keys) - {eye.key for eye in found}):
+        chosen = eyes(images or {key: key for key in keys}, robot, cameras, attach)
+        if missing := sorted(set(keys) - {eye.key for eye in chosen}):
             raise ValueError(f"groot: the policy needs pictures {', '.join(missing)[:200]}. Name all in images")
-        return found
+        return chosen
 
     def close(self) -> None:
         """Close the connection."""

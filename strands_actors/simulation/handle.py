@@ -98,8 +98,8 @@ class World:
 
     async def objects(self) -> dict[str, tuple[float, ...]]:
         """Return position (m) and orientation (w, x, y, z) of each object that was added, by its name."""
-        found: dict[str, tuple[float, ...]] = await self._ask(f"{_WORLD}:objects")
-        return found
+        poses: dict[str, tuple[float, ...]] = await self._ask(f"{_WORLD}:objects")
+        return poses
 
     async def change(self, verb: str, *args: Any) -> None:
         """Change the scene.

@@ -129,12 +129,12 @@ def _robot(chosen: OneRobot) -> SimRobot:
 
 def _function(option: str, place: str) -> Callable[..., Any]:
     try:
-        found = load(place)
+        loaded = load(place)
     except (ImportError, AttributeError, ValueError) as failure:
         raise ValueError(f"--{option} is {place!r}: {failure}. Give module:function") from failure
-    if not callable(found):
+    if not callable(loaded):
         raise ValueError(f"--{option} is {place!r}, which is no function. Give module:function")
-    function: Callable[..., Any] = found
+    function: Callable[..., Any] = loaded
     return function
 
 
