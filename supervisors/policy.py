@@ -7,6 +7,11 @@ computation.
 
 If the policy is late all the same, the buffer runs empty, the last setpoint expires, and the robot holds. This
 works even if no process notices that the policy is late.
+
+Each action in the buffer has the time at which its reading was requested. ``Rollout.max_age_s`` limits the age of
+this reading when the action is sent: an older action is never sent. The first computation is often the slowest, as
+it loads and compiles, and the robot does not move yet. So if its chunk is too old, it is dropped once, and computed
+again from a new reading.
 """
 
 from __future__ import annotations
@@ -79,7 +84,7 @@ class Buffer:
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * NS
-        self._actions: deque[Action] = deque()
+        self._actions: deque[tuple[Action, int]] = deque()
         self._least = 0
 
     def __len__(self) -> int:
@@ -89,13 +94,24 @@ class Buffer:
     def low(self) -> bool:
         return len(self._actions) <= self._least
 
-    def add(self, chunk: Sequence[Action], took_ns: int) -> None:
-        self._actions.extend(chunk)
+    def add(self, chunk: Sequence[Action], took_ns: int, observed_ns: int = 0) -> None:
+        """Add the actions of a chunk.
+
+        Args:
+            chunk: The actions.
+            took_ns: Duration of their computation.
+            observed_ns: Time of the reading from which they were computed.
+        """
+        if not chunk:
+            # The policy needs one more observation first. The buffer is still as low as before.
+            return
+        self._actions.extend((action, observed_ns) for action in chunk)
         lasts = MARGIN * took_ns / self._period_ns
         spare = math.ceil(lasts) if self._period_ns < ASK_EVERY_S * NS else int(lasts)
         self._least = max(len(chunk) // 2, spare)
 
-    def next(self) -> Action:
+    def next(self) -> tuple[Action, int]:
+        """Return the next action, and the time of the reading from which it was computed."""
         return self._actions.popleft()
 
 
@@ -214,6 +230,8 @@ class Policy(Actor):
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
+        self._oldest_ns = 0
+        self._has_dropped = False
 
     async def started(self) -> None:
         own: ActorRef = self.context.ref(addresses.of(self._rollout.robot).gate, Gate)
@@ -244,11 +262,20 @@ class Policy(Actor):
         elif now_ns - self._began_ns >= rollout.duration_s * NS:
             await self._end("duration", f"the duration of {rollout.duration_s:g} s has passed")
         elif self._buffer and self._lease is not None:
-            await self._send(self._buffer.next(), now_ns)
+            action, observed_ns = self._buffer.next()
+            age_ns = now_ns - observed_ns
+            if self._is_too_old(age_ns):
+                await self._end("policy", _too_old(age_ns, rollout.max_age_s))
+            else:
+                self._oldest_ns = max(self._oldest_ns, age_ns)
+                await self._send(action, now_ns)
         elif self._steps and now_ns - self._last_ns > rollout.ttl_s * NS:
             await self._end("policy", busy.explained(f"no action for {rollout.ttl_s * 1e3:g} ms"))
         if self._buffer.low:
             self._actions_requested.set()
+
+    def _is_too_old(self, age_ns: int) -> bool:
+        return 0.0 < self._rollout.max_age_s * NS < age_ns
 
     async def _send(self, action: Action, now_ns: int) -> None:
         assert self._lease is not None
@@ -345,13 +372,20 @@ class Policy(Actor):
                         self._rollout.instruction,
                         abandon_on_cancel=True,
                     )
+                    took_ns = self.context.clock.now_ns() - began_ns
                     if chunk and self._lease is None:
+                        if self._is_too_old(took_ns):
+                            if self._has_dropped:
+                                await self._end("policy", _too_old(took_ns, self._rollout.max_age_s))
+                                return
+                            self._has_dropped = True
+                            continue
                         if not await self._acquire():
                             return
                         moving.enter_context(gc_freeze.frozen_objects())
                         if self._rollout.load_s:
                             self._began_ns = self.context.clock.now_ns()
-                    self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
+                    self._buffer.add(chunk, self.context.clock.now_ns() - began_ns, began_ns)
                     # During the computation, ticks have requested more actions. These were just added.
                     self._actions_requested = trio.Event()
                     if not chunk:
@@ -419,8 +453,9 @@ class Policy(Actor):
             return
         status = self._status()
         self._ended = TaskStatus(
-            False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz
-        )
+            False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz,
+            action_age_s=status.action_age_s,
+        )  # fmt: skip
         # If a lease was requested, wait for the reply, so that this lease is released, too.
         async with self._acquiring:
             pass
@@ -451,4 +486,12 @@ class Policy(Actor):
             return self._ended
         elapsed_s = (self.context.clock.now_ns() - self._began_ns) / NS
         hz = self._steps / elapsed_s if elapsed_s > 0 else 0.0
-        return TaskStatus(True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz)
+        instruction, age_s = self._rollout.instruction, self._oldest_ns / NS
+        return TaskStatus(True, self._steps, elapsed_s, instruction=instruction, hz=hz, action_age_s=age_s)
+
+
+def _too_old(age_ns: int, max_age_s: float) -> str:
+    """Return why an action is not sent."""
+    return busy.explained(
+        f"the next action was computed from a reading that is {age_ns / NS:.2f} s old (limit {max_age_s:g} s)"
+    )

@@ -12,11 +12,15 @@ from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 
 _log = logging.getLogger("strands_actors")
 
 BUILDER = "strands_actors.drivers.model.tool:build"
 """Builds the model with which poses of its tool are computed."""
+
+OF_BASE = ("base_xyz_m", "rpy_rad", "gyro_rad_s")
+"""Readings of a base that moves freely, in ``state()``."""
 
 CONTROL_HZ = 50.0
 """Default rate of a policy."""
@@ -77,6 +81,9 @@ class ModelDriver(Driver):
         )
         self.declare(Part(PartKind.ARM, axes))
         self._model, self._tool = options["model"], options.get("tool")
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        return {name: list(observation.sensors[name]) for name in OF_BASE if name in observation.sensors}
 
     def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel | None:
         if self._tool is None:

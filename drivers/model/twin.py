@@ -4,9 +4,10 @@ control, the socket for requests to a simulation."""
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Any, Unpack
 
+import msgspec
 import trio
 
 from strands_actors.contract.options import option
@@ -15,11 +16,16 @@ from strands_actors.drivers.common.physics.jointed_body import JointedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
 
+from .onboard_policy import OnboardPolicy
 from .reading import Read, read_model
 
 
 class ModelTwinOptions(TwinOptions, frozen=True):
     model: Annotated[str, option("path of the MJCF or URDF")] = ""
+    onboard: Annotated[str, option("``module:class`` of the policy that moves the joints while they hold")] = ""
+    onboard_options: Annotated[dict[str, Any], option("its keyword arguments")] = msgspec.field(
+        default_factory=dict
+    )
     home: Annotated[tuple[float, ...], option("``qpos`` of the whole model at the start")] = ()
 
 
@@ -36,14 +42,18 @@ class ModelServer:
 
     address = "none"
 
-    def __init__(self, read: Read, home: Sequence[float]) -> None:
+    def __init__(self, read: Read, options: ModelTwinOptions) -> None:
         self._plant = Plant(
             read.spec,
             [joint.name for joint in read.joints],
             BANDWIDTH_RAD_S,
             gains=[(joint.kp, joint.kv) for joint in read.joints],
-            home_qpos=home,
+            home_qpos=options.home,
         )
+        if options.onboard:
+            self._plant.balance_by(
+                OnboardPolicy(self._plant, read.joints, options.onboard, options.onboard_options)
+            )
         self.body: Body = JointedBody(self._plant, self._pass_time)
 
     def _pass_time(self) -> None:
@@ -79,6 +89,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     read = read_model(twin_options.model)
 
     def build(wire_log: WireLog) -> ModelServer:
-        return ModelServer(read, twin_options.home)
+        return ModelServer(read, twin_options)
 
     run_server(build, **start)

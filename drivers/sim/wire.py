@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
@@ -133,9 +134,21 @@ class SimWire(Wire):
             velocity=tuple(
                 scale * velocity for velocity, (_, scale) in zip(sample.velocity, config.units, strict=True)
             ),
-            sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,)},
+            sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,), **_of_base(sample)},
             faults=_faults(config.axes, sample.commanders) if self._armed else {},
         )
+
+
+def _of_base(sample: p.Sample) -> dict[str, tuple[float, ...]]:
+    """Return the readings of an inertial sensor on a base that moves freely, by the keys of real robots."""
+    if not sample.orientation_wxyz:
+        return {}
+    return {
+        "base_xyz_m": sample.base_xyz_m,
+        "orientation_wxyz": sample.orientation_wxyz,
+        "rpy_rad": roll_pitch_yaw(sample.orientation_wxyz),
+        "gyro_rad_s": sample.gyro_rad_s,
+    }
 
 
 def _faults(axes: Sequence[str], commanders: Sequence[int]) -> dict[str, str]:

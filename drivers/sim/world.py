@@ -78,6 +78,24 @@ async def add_camera(control: str, fields: Mapping[str, Any]) -> None:
     await _ask(control, p.AddCamera(0, **fields), p.Done, CHANGE_S)
 
 
+async def pause(control: str, on: bool) -> None:
+    """Let the simulated time advance only by steps, or in real time again.
+
+    Raises:
+        RuntimeError: The simulation refused, or did not answer.
+    """
+    await _ask(control, p.Pause(0, on), p.Done, RESET_S)
+
+
+async def set_light(control: str, fields: Mapping[str, Any]) -> None:
+    await _ask(control, p.SetLight(0, **fields), p.Done, CHANGE_S)
+
+
+async def objects(control: str) -> dict[str, tuple[float, ...]]:
+    """Return position and orientation of each object that was added, by its name."""
+    return (await _ask(control, p.GetObjects(0), p.Objects, RESET_S)).poses
+
+
 async def save_state(control: str, name: str) -> None:
     await _ask(control, p.Save(0, name), p.Done, CHANGE_S)
 

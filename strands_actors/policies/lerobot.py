@@ -12,6 +12,12 @@ With ``rtc=True`` a flow-matching policy (pi0, pi05, smolvla) blends each chunk 
 (lerobot's real-time chunking). Its input then has the rest of the previous chunk, and the number of
 actions in it that will be executed before the new chunk.
 
+A policy that reads several observations (diffusion, vqbet) collects them one period apart before each chunk, and
+returns no action meanwhile. So its chunk, too, is computed while the last one is executed.
+
+A chunk begins at the time of its observation, and is executed when the last chunk ends. With ``align=True`` the
+actions whose time has passed by then are left out. So each action is executed at the time for which it was planned.
+
 A checkpoint does not state the units of its numbers. They depend on the recording of its data
 (``use_degrees`` of lerobot's arms; the default differs by arm and version). So ``units`` has no default:
 
@@ -25,7 +31,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,13 +40,14 @@ from .scale import NORMALIZED, Scale, unit_word
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras import CameraReader
 
+Attach = Callable[[str, str], "CameraReader"]
 IMAGES = "observation.images."
 FIRST_PICTURE_S = 15.0
 """How long to wait for the first picture of a camera that was just started. Nothing moves before it."""
 LOOK_S = 0.02
 HORIZON = 10
 """Number of actions of a chunk that are executed before the next chunk is blended in (lerobot's default)."""
-STATE = "observation.state"
+STATE, ACTION = "observation.state", "action"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
 
 
@@ -64,6 +71,8 @@ class LerobotLocal:
             ``{"observation.images.wrist": "observation.images.camera1"}``.
         rtc: Use real-time chunking, which blends each chunk of actions into the previous one.
         execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
+        align: Leave out the first actions of each chunk, whose time has passed when they could be executed.
+        attach: Returns the reader of a camera, by the names of robot and camera. None: ``attach_camera``.
 
     Raises:
         ValueError: The checkpoint cannot control these axes. Exceptions of lerobot while it loads are not
@@ -86,6 +95,8 @@ class LerobotLocal:
         rename_map: Mapping[str, str] | None = None,
         rtc: bool = False,
         execution_horizon: int = HORIZON,
+        align: bool = False,
+        attach: Attach | None = None,
     ) -> None:
         folder = checkpoint_folder(pretrained_name_or_path)
         self._axes = list(axes)
@@ -98,7 +109,7 @@ class LerobotLocal:
         _leave_a_processor()
         config = PreTrainedConfig.from_pretrained(folder)
         _check(config, self._axes, folder)
-        self._eyes = _eyes(config, robot, cameras, rename_map or {}, folder)
+        self._eyes = _eyes(config, robot, cameras, rename_map or {}, folder, attach)
         self.requires_images = bool(self._eyes)
         self.supports_rtc = rtc
         self.execution_horizon = execution_horizon
@@ -115,10 +126,16 @@ class LerobotLocal:
         self._into, self._out_of = make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides={"device_processor": {"device": device}}
         )
-        # A policy that remembers observations must get every observation, so it returns one action at a time. Any
-        # other policy returns all actions that it has planned from one observation.
-        remembers = getattr(config, "n_obs_steps", 1) != 1
-        self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
+        # A policy that remembers observations in another way than in queues must get every observation, so it
+        # returns one action at a time. Any other policy returns all actions that it has planned.
+        self._observations = int(getattr(config, "n_obs_steps", 1))
+        self._collects = self._observations != 1 and ACTION in (getattr(self._policy, "_queues", None) or {})
+        steps = int(getattr(config, "n_action_steps", 1))
+        self._steps = steps if self._observations == 1 or self._collects else 1
+        if align and (rtc or self._steps == 1):
+            raise ValueError("lerobot_local: align is for chunks of several actions, without rtc. Leave align out")
+        self._aligns = align
+        self._collected = 0
 
     def reset(self, seed: int | None = None) -> None:
         """Forget observations and plans, and wait for the first pictures.
@@ -131,7 +148,7 @@ class LerobotLocal:
         """
         for part in (self._policy, self._into, self._out_of):
             part.reset()
-        self._rest, self._handed_out, self._pending = None, 0, 0
+        self._rest, self._handed_out, self._pending, self._collected = None, 0, 0, 0
         for eye in self._eyes:
             eye.wait()
 
@@ -147,6 +164,8 @@ class LerobotLocal:
     ) -> list[dict[str, float]]:
         """Return the next ``n_action_steps`` actions, or at most ``execution_horizon`` with ``rtc``.
 
+        The list is empty if the policy needs one more observation first.
+
         Without ``rtc`` it calls ``select_action``, as lerobot's own control loop does. That runs the model once
         and then returns its plan step by step. ``predict_action_chunk`` cannot be used here: some
         policies read queues that only ``select_action`` fills.
@@ -160,7 +179,34 @@ class LerobotLocal:
         batch = self._into(self._prepare(inputs, self._device, task=instruction))
         if self.supports_rtc:
             return self._blended(batch)
-        return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
+        if self._collects and self._collects_one_more(batch):
+            return []
+        first = self._policy.select_action(dict(batch))
+        if self._collects:
+            queue = self._policy._queues[ACTION]
+            planned = [first, *queue]
+            queue.clear()
+        else:
+            planned = [first, *(self._policy.select_action(dict(batch)) for _ in range(self._steps - 1))]
+        passed = self._pending if self._aligns else 0
+        if passed >= len(planned):
+            raise ValueError(
+                f"lerobot_local: {passed} actions are still to be executed, and the new chunk has {len(planned)}. "
+                "Leave align out, or give a lower control_frequency"
+            )
+        return [self._named(action) for action in planned[passed:]]
+
+    def _collects_one_more(self, batch: Any) -> bool:
+        """Give an observation to the policy if it needs further ones before the next chunk. Return True then.
+
+        ``select_action`` stores its observation, and computes a chunk only if its queue of actions is empty.
+        """
+        self._collected = (self._collected + 1) % self._observations
+        if self._collected == 0:
+            return False
+        self._policy._queues[ACTION].append(None)
+        self._policy.select_action(dict(batch))
+        return True
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
         """Return the actions of a new chunk, without those that were returned before and are still to be executed.
@@ -239,7 +285,14 @@ class Eye:
         return isinstance(self._reader.newest(), Stale)
 
 
-def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
+def _eyes(
+    config: Any,
+    robot: str,
+    cameras: Sequence[str],
+    rename_map: Mapping[str, str],
+    folder: str,
+    attach: Attach | None,
+) -> list[Eye]:
     """Return an ``Eye`` (a camera) for each picture that the checkpoint needs.
 
     Raises:
@@ -260,7 +313,8 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
             f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. Give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
-    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in features.items()]
+    read = attach or attach_camera
+    return [Eye(key, read(robot, named[key]), feature.shape) for key, feature in features.items()]
 
 
 def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:

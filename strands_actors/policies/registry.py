@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -41,6 +41,7 @@ PROVIDERS = {
     "mock": Provider("strands_actors.policies.mock:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies.registry:Sine", takes_address=False),
     "remote": Provider("strands_actors.policies.remote:Remote", takes_cameras=True),
+    "groot": Provider("strands_actors.policies.groot_client:Groot", needs="zmq", extra="groot", takes_cameras=True),
     "lerobot_local": Provider(
         "strands_actors.policies.lerobot:LerobotLocal",
         needs="lerobot",
@@ -56,6 +57,11 @@ PROVIDERS = {
 
 ENDPOINT_PORT = 8765
 """Default port of an endpoint, as of the servers of strands-robots."""
+
+SCHEMES = {"ws": "remote", "zmq": "groot"}
+"""The policy for each kind of address: WebSocket, or ZeroMQ as servers of GR00T have it."""
+
+DEFAULT_PORTS = {"ws": ENDPOINT_PORT, "zmq": 5555}
 
 SINE_AMPLITUDE = 15.0
 SINE_CALLS_HZ = 25.0
@@ -175,7 +181,8 @@ def choose_provider(
     """Return the description of a policy that another process can make, and the options for it.
 
     Args:
-        name: Name of the policy, ``module:factory``, or ``ws://host:port/path`` for a server.
+        name: Name of the policy, ``module:factory``, or ``ws://host:port/path`` or
+            ``zmq://host:port`` for a server.
         host: Host of a server.
         port: Port of a server; None if the policy needs no server.
         options: Keyword arguments of the policy.
@@ -184,9 +191,10 @@ def choose_provider(
         ValueError: The name or the port is wrong, or another process cannot import the policy. The text has
             the accepted values.
     """
-    if isinstance(name, str) and name.lower().startswith("ws://"):
+    scheme, is_address, _ = name.partition("://") if isinstance(name, str) else ("", "", "")
+    if is_address and scheme.lower() in SCHEMES:
         host, server_port, path = parse_endpoint(name)
-        return PROVIDERS["remote"], {**options, "host": host, "port": server_port, "path": path}
+        return find_provider(SCHEMES[scheme.lower()]), {**options, "host": host, "port": server_port, "path": path}
     provider = find_provider(name)
     module, _, place = provider.where.partition(":")
     if _is_of_script(module, place):
@@ -203,16 +211,25 @@ def choose_provider(
     return provider, {**options, "host": host, "port": port}
 
 
-def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
-    """Return host, port and path of ``ws://host:port/path``. Raise ``ValueError`` for a text of another form."""
+def parse_endpoint(endpoint: str, schemes: Collection[str] = SCHEMES) -> tuple[str, int, str]:
+    """Return host, port and path of an address such as ``ws://host:port/path``.
+
+    Args:
+        endpoint: The address.
+        schemes: The accepted kinds of addresses.
+
+    Raises:
+        ValueError: It is a text of another form.
+    """
     try:
         parts = urlsplit(endpoint)
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
-    if host is None or parts.scheme != "ws":
-        raise ValueError(f"remote: the endpoint is {endpoint!r}. Give ws://host:port")
-    return host, port or ENDPOINT_PORT, parts.path or "/"
+    if host is None or parts.scheme not in schemes:
+        forms = " or ".join(f"{scheme}://host:port" for scheme in schemes)
+        raise ValueError(f"remote: the endpoint is {endpoint!r}. Give {forms}")
+    return host, port or DEFAULT_PORTS[parts.scheme], parts.path or "/"
 
 
 def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:

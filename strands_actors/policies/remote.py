@@ -32,7 +32,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from .base import Action, Policy
-from .lerobot import Eye
+from .lerobot import Attach, Eye
 from .openpi import STATE, OpenPi, is_metadata
 from .registry import ENDPOINT_PORT, parse_endpoint
 from .remote_errors import Misunderstood
@@ -61,6 +61,7 @@ class Remote(Policy):
         images: For a server of openpi: the robot's camera by the key of its picture in a request.
         robot: Name under which the robot was started.
         cameras: Names of the robot's cameras.
+        attach: Returns the reader of a camera, by the names of robot and camera. None: ``attach_camera``.
 
     Raises:
         ConnectionError: The server cannot be reached, closes, or sends a wrong message. Its methods raise
@@ -81,12 +82,13 @@ class Remote(Policy):
         images: Mapping[str, str] | None = None,
         robot: str = "",
         cameras: Sequence[str] = (),
+        attach: Attach | None = None,
     ) -> None:
         if encoding not in CODECS:
             raise ValueError(f"remote: encoding is {encoding!r}. Use one of {', '.join(CODECS)}")
         self.robot_state_keys = list(axes)
         self._state_key = state_key
-        self._eyes = _eyes(images or {}, robot, cameras)
+        self._eyes = eyes(images or {}, robot, cameras, attach)
         self._encoding = encoding
         self._hz = 0.0
         self._timeout_s = timeout_s
@@ -248,7 +250,7 @@ class Remote(Policy):
             raise ConnectionError(f"{self._url} {problem}") from problem
 
 
-def _eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list[Eye]:
+def eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str], attach: Attach | None) -> list[Eye]:
     """Return an ``Eye`` (a camera) for each picture of a request. Raise ``ValueError`` for an unknown camera."""
     if not images:
         return []
@@ -259,8 +261,8 @@ def _eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list
     names = cameras or cameras_of(robot)
     if unknown := sorted(set(images.values()) - set(names)):
         has = f"cameras {', '.join(names)}" if names else "no cameras"
-        raise ValueError(f"remote: images names {', '.join(unknown)}, and the robot has {has}. Give Robot cameras=")
-    return [Eye(key, attach_camera(robot, camera), None) for key, camera in images.items()]
+        raise ValueError(f"images names {', '.join(unknown)}, and the robot has {has}. Give Robot cameras=")
+    return [Eye(key, (attach or attach_camera)(robot, camera), None) for key, camera in images.items()]
 
 
 class RemotePolicy(Policy):
@@ -286,7 +288,7 @@ class RemotePolicy(Policy):
         timeout_s: float = 5.0,
     ) -> None:
         if endpoint is not None:
-            host, port, path = parse_endpoint(endpoint)
+            host, port, path = parse_endpoint(endpoint, ("ws",))
         self._place: dict[str, Any] = {"host": host, "port": port, "path": path}
         self._place |= {"encoding": encoding, "timeout_s": timeout_s}
         self._hz = 0.0

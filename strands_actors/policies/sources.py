@@ -18,9 +18,6 @@ from . import registry
 from .factory import create_policy
 from .folders import PICKLES, pickle_refusal, read_folder
 
-SERVER_SCHEMES = ("ws",)
-"""Schemes of the addresses of policy servers that have a client here."""
-
 
 class Kind(StrEnum):
     """The form in which a policy was given."""
@@ -72,7 +69,9 @@ def choose(policy: object, options: Mapping[str, Any]) -> Source:
 
 def _of_object(policy: object, options: Mapping[str, Any]) -> Source:
     if policy is None:
-        raise TypeError("policy is None. Give a policy object, a callable, a name, a folder or ws://host:port")
+        raise TypeError(
+            "policy is None. Give a policy object, a callable, a name, a folder, ws://host:port or zmq://host:port"
+        )
     # This module imports trio. A program that only lists policies does not need it.
     from strands_actors.supervisors.policy import as_infer
 
@@ -86,10 +85,10 @@ def _of_object(policy: object, options: Mapping[str, Any]) -> Source:
 def _of_text(text: str, options: Mapping[str, Any]) -> Source:
     scheme, is_address, _ = text.partition("://")
     if is_address:
-        if scheme.lower() not in SERVER_SCHEMES:
+        if scheme.lower() not in registry.SCHEMES:
             raise ValueError(
-                f"there is no client for {scheme}:// here. Give ws://host:port, of a server of this package or of "
-                "strands-robots"
+                f"there is no client for {scheme}:// here. Give ws://host:port, of a server of this package, of "
+                "strands-robots or of openpi, or zmq://host:port of GR00T"
             )
         return Source(Kind.SERVER, text, None, text, options)
     if (own := registry.registered_class(text)) is not None and registry.is_of_script(own):
@@ -103,7 +102,7 @@ def _of_text(text: str, options: Mapping[str, Any]) -> Source:
     hint = f" ({near[0]}?)" if near else ""
     raise ValueError(
         f"{shown(text)}{hint} is no policy's name, and no folder here has this name. Use one of "
-        f"{', '.join(names)}, or give a folder or ws://host:port"
+        f"{', '.join(names)}, or give a folder, ws://host:port or zmq://host:port"
     )
 
 

@@ -96,11 +96,17 @@ class World:
         """Move every joint back to its start position, and hold it there."""
         await self._ask(_RESET)
 
+    async def objects(self) -> dict[str, tuple[float, ...]]:
+        """Return position (m) and orientation (w, x, y, z) of each object that was added, by its name."""
+        poses: dict[str, tuple[float, ...]] = await self._ask(f"{_WORLD}:objects")
+        return poses
+
     async def change(self, verb: str, *args: Any) -> None:
         """Change the scene.
 
         Args:
-            verb: ``add_object``, ``remove_object``, ``add_camera``, ``save_state`` or ``load_state``.
+            verb: ``add_object``, ``remove_object``, ``add_camera``, ``set_light``, ``pause``, ``save_state`` or
+                ``load_state``.
             args: The arguments of ``verb``, already checked by the module ``scene``.
         """
         await self._ask(f"{_WORLD}:{verb}", *args)

@@ -82,6 +82,18 @@ def camera_fields(
     }
 
 
+def light_fields(brightness: object, azimuth: object, elevation: object) -> dict[str, Any]:
+    """Check the arguments of ``SimRobot.set_light``, and return the fields for the simulation. Raise ``ValueError``
+    for a wrong argument."""
+    bright = _number("brightness", brightness)
+    height = _number("elevation", elevation)
+    if not 0 <= bright <= 10:
+        raise ValueError(f"brightness is {brightness!r}. Give a number from 0 (dark) to 10; 1 is the usual light")
+    if not 0 < height <= 90:
+        raise ValueError(f"elevation is {elevation!r}. Give degrees, above 0 and at most 90")
+    return {"brightness": bright, "azimuth_deg": _number("azimuth", azimuth), "elevation_deg": height}
+
+
 def check_size(width: object, height: object) -> None:
     """Raise ``ValueError`` unless width and height are whole numbers above 0."""
     if not all(isinstance(size, int) and size > 0 for size in (width, height)):

@@ -100,6 +100,8 @@ class Rollout(Message, frozen=True):
         keeps: True if the last setpoint stays in force after the run, under the caller's lease.
         load_s: Longest time until the first action, in seconds. ``duration_s`` then counts from the first action.
             0: it counts from the start.
+        max_age_s: Largest age of the reading from which an action was computed, when the action is sent, in
+            seconds. An older one is never sent, and ends the run. 0 for no limit.
     """
 
     robot: str
@@ -113,6 +115,7 @@ class Rollout(Message, frozen=True):
     table: tuple[Axis, ...] = ()
     keeps: bool = False
     load_s: float = 0.0
+    max_age_s: float = 0.0
 
 
 START_TASK = "start_task"
@@ -187,7 +190,8 @@ class GetTask(Message, frozen=True):
 
 class TaskStatus(Message, frozen=True):
     """The status of the last policy run. ``exit_reason`` is stopped, n_steps, duration, policy, gate, publish,
-    stop, cleanup or refused; empty while it runs and before the first run."""
+    stop, cleanup or refused; empty while it runs and before the first run. ``action_age_s`` is the largest age of a
+    reading from which a sent action was computed, at the time when it was sent."""
 
     lane = "latest"
 
@@ -200,6 +204,7 @@ class TaskStatus(Message, frozen=True):
     instruction: str = ""
     hz: float = 0.0
     teleop: dict[str, Any] = msgspec.field(default_factory=dict)  # for a teleoperation: its state as JSON
+    action_age_s: float = 0.0
 
 
 class Describe(Message, frozen=True):

@@ -78,9 +78,16 @@ class StandInPolicy:
     def reset(self):
         calls.append(("reset",))
         self.plan = collections.deque()
+        if getattr(self.config, "queues", False):
+            self.seen = collections.deque(maxlen=self.config.n_obs_steps)
+            self._queues = {"action": self.plan, "observation.state": self.seen}
 
     def select_action(self, batch):
+        if getattr(self.config, "queues", False):
+            self.seen.append(batch["observation.state"].tolist())
         if not self.plan:
+            if getattr(self.config, "queues", False):
+                calls.append(("seen", list(self.seen)))
             calls.append(("plan", batch))
             state = batch["observation.state"]
             width = self.config.gives
@@ -221,6 +228,38 @@ def test_torch_leaves_a_processor_to_the_robot(
 def test_a_policy_that_remembers_sees_every_observation(save: Save) -> None:
     policy = load(save(n_action_steps=3, n_obs_steps=2))
     assert [len(policy.get_actions_sync(SEEN, "")) for _ in range(2)] == [1, 1]
+
+
+def test_a_policy_with_queues_collects_its_observations_and_then_gives_its_whole_chunk(save: Save) -> None:
+    policy = load(save(n_action_steps=3, n_obs_steps=2, queues=True, step=0.1))
+    policy.reset()
+    later = {axis: value + 10.0 for axis, value in SEEN.items()}
+    for _ in range(2):
+        assert policy.get_actions_sync(SEEN, "") == []
+        chunk = policy.get_actions_sync(later, "")
+        expected = [later["gripper"] + step for step in (1, 2, 3)]
+        assert [action["gripper"] for action in chunk] == pytest.approx(expected, abs=1e-3)
+    pairs = [call[1] for call in calls() if call[0] == "seen"]
+    assert [[row[0][0] for row in pair] for pair in pairs] == [
+        pytest.approx([SEEN[AXES[0]] / 10, later[AXES[0]] / 10])
+    ] * 2
+
+
+def test_an_aligned_chunk_leaves_out_the_actions_whose_time_has_passed(save: Save) -> None:
+    policy = load(save(n_action_steps=4, step=0.1), align=True)
+    policy.reset()
+    assert len(policy.get_actions_sync(SEEN, "")) == 4
+    policy.actions_left(3)
+    (last,) = policy.get_actions_sync(SEEN, "")
+    assert last == pytest.approx({axis: value + 4 for axis, value in SEEN.items()}, abs=1e-4)
+    policy.actions_left(4)
+    with pytest.raises(ValueError, match="4 actions are still to be executed, and the new chunk has 4"):
+        policy.get_actions_sync(SEEN, "")
+
+
+def test_align_is_for_chunks(save: Save) -> None:
+    with pytest.raises(ValueError, match="align is for chunks of several actions"):
+        load(save(n_action_steps=3, n_obs_steps=2), align=True)
 
 
 def test_axes_have_the_order_of_the_robot_and_not_of_the_observation(save: Save) -> None:

@@ -94,7 +94,7 @@ def test_only_a_remote_policy_takes_an_address() -> None:
 
 @pytest.mark.parametrize("name", ["smooth_talk", "", None, 3])
 def test_an_unknown_policy_name_is_refused_with_the_known_names(name: Any) -> None:
-    with pytest.raises(ValueError, match="Use one of lerobot_local, mock, onnx, remote, sine"):
+    with pytest.raises(ValueError, match="Use one of groot, lerobot_local, mock, onnx, remote, sine"):
         choose_provider(name, "localhost", None, {})
 
 

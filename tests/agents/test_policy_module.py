@@ -80,7 +80,11 @@ def test_a_class_of_the_script_itself_goes_to_run_policy(arm: RealRobot) -> None
         (lambda: register_policy("my", lambda: Creep, ["sine"]), ValueError, "sine is known already"),
         (lambda: register_policy("my", Creep), TypeError, "Give a function that returns the class"),
         (lambda: register_policy("a/b", lambda: Creep), TypeError, "without : and /"),
-        (lambda: create_policy("smooth_talk"), ValueError, "Use one of lerobot_local, mock, onnx, remote, sine"),
+        (
+            lambda: create_policy("smooth_talk"),
+            ValueError,
+            "Use one of groot, lerobot_local, mock, onnx, remote, sine",
+        ),
         (lambda: create_policy(""), ValueError, "Give a name, or ws://host:port"),
         (lambda: create_policy("mock", amplitud=1), ValueError, r"\('amplitud' -> 'amplitude'\?\)"),
         (lambda: create_policy("mock", amplitude=-1), ValueError, "amplitude is -1"),

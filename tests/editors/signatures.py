@@ -37,7 +37,7 @@ FILE = Path(factory.__file__).with_name("robot.pyi")
 WIDTH = 116
 
 OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
-OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated")
+OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated", "onboard")
 """Keywords that only one of ``Robot`` and ``open_robot`` takes. All others belong to both."""
 NONE: Mapping[str, ToolVerb] = {}
 WITH_ACTION = ("step",)

@@ -19,6 +19,7 @@ PUBLIC = (
     f"{PACKAGE}.contract",  # authors of drivers
     f"{PACKAGE}.policies",  # authors of policies
     f"{PACKAGE}.testing",
+    f"{PACKAGE}.simulation.scenes",  # a scene for evaluations
     f"{PACKAGE}.surfaces.cameras",  # readers of camera pictures
     f"{PACKAGE}.drivers.earthrover.cameras",  # cameras of one robot that are not part of its tree
 )

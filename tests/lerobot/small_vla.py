@@ -12,9 +12,15 @@ SIZE = 64
 """Of a picture, in pixels, as the model sees it."""
 
 
-def save(folder: Path, picture: tuple[int, int, int], about: Sequence[float], chunk: int) -> Path:
+def save(
+    folder: Path,
+    picture: tuple[int, int, int],
+    about: Sequence[float],
+    chunk: int,
+    cameras: Sequence[str] = ("front",),
+) -> Path:
     """Write a checkpoint whose actions are ``about`` these positions, with a spread of 1; return
-    where it is. ``picture``: colours, height and width of the camera ``front``."""
+    where it is. ``picture``: colours, height and width of the pictures of the ``cameras``."""
     import torch
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.factory import make_pre_post_processors
@@ -27,7 +33,7 @@ def save(folder: Path, picture: tuple[int, int, int], about: Sequence[float], ch
     config = SmolVLAConfig(
         input_features={
             "observation.state": PolicyFeature(FeatureType.STATE, (axes,)),
-            "observation.images.front": PolicyFeature(FeatureType.VISUAL, picture),
+            **{f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, picture) for name in cameras},
         },
         output_features={"action": PolicyFeature(FeatureType.ACTION, (axes,))},
         vlm_model_name=str(folder / "vlm"),

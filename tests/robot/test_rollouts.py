@@ -220,7 +220,7 @@ def test_bad_arguments_start_nothing(arm: RealRobot, twin: Twin) -> None:
         assert "control_frequency is" in why(arm.start_task("x", control_frequency=hz))  # type: ignore[arg-type]
     assert "policy is None" in why(arm.run_policy())
     assert "object is no policy" in why(arm.run_policy(object()))
-    assert "Use one of lerobot_local, mock, onnx, remote, sine" in why(
+    assert "Use one of groot, lerobot_local, mock, onnx, remote, sine" in why(
         arm.start_task("x", policy_provider="smooth_talk")
     )
     idle = task(arm)

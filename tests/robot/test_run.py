@@ -143,6 +143,11 @@ def test_saf_014_a_lie_of_an_object_never_reaches_the_wire(arm: RealRobot, twin:
     assert not twin.log.host("setpoint")
 
 
+def late(request: dict[str, Any]) -> dict[str, Any]:
+    time.sleep(1.0)
+    return {"actions": [creep(request["observation"])]}
+
+
 SERVER_LIES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "its own error": (lambda request: {"error": "CUDA out of memory"}, "reports an error: CUDA out of memory"),
     "a text": (lambda request: {"actions": "left"}, "not a chunk of actions: Expected `array`, got `str`"),
@@ -158,6 +163,9 @@ def test_saf_014_a_lie_of_a_server_never_reaches_the_wire(arm: RealRobot, twin: 
         with server(reply) as (port, _):
             answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0)
         assert text in why(answer), (lie, answer)
+    with server(late) as (port, _):
+        answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0, timeout_s=0.3)
+    assert f"ws://127.0.0.1:{port}/ did not answer within 0.3 s" in why(answer)
     assert not twin.log.host("setpoint")
 
 
@@ -176,6 +184,38 @@ def test_a_lie_after_true_steps_ends_in_a_hold(arm: RealRobot, twin: Twin) -> No
     assert until(lambda: holds(twin.log, began_ns), "the arm holds")
 
 
+def test_saf_014_a_chunk_that_comes_late_is_never_sent(arm: RealRobot, twin: Twin) -> None:
+    """The first late chunk is computed again, since a policy may load in it. The second one ends the run."""
+    calls: list[float] = []
+
+    def late(seen: Seen) -> dict[str, float]:
+        calls.append(time.monotonic())
+        time.sleep(0.5)
+        return creep(seen)
+
+    answer = arm.run(late, seconds=5.0, max_age=0.3)
+    assert "computed from a reading that is" in why(answer) and "(limit 0.3 s)" in why(answer)
+    assert len(calls) == 2 and not twin.log.host("setpoint")
+
+
+def test_an_action_that_waits_too_long_in_its_chunk_is_never_sent(arm: RealRobot, twin: Twin) -> None:
+    answer = arm.run(lambda seen: [creep(seen)] * 60, seconds=5.0, max_age=0.5)
+    assert "(limit 0.5 s)" in why(answer)
+    report = answer["content"][1]["json"]
+    assert report["exit_reason"] == "policy" and 0 < report["steps"] < 60
+    assert 0.0 < report["action_age_s"] <= 0.5
+
+
+def test_an_action_of_a_loading_policy_is_computed_again(arm: RealRobot) -> None:
+    loads = iter([0.5])
+
+    def loading(seen: Seen) -> dict[str, float]:
+        time.sleep(next(loads, 0.0))
+        return creep(seen)
+
+    assert completed_run(arm, loading, seconds=0.4, max_age=0.3)["action_age_s"] <= 0.3
+
+
 # -- refusals before anything starts
 
 
@@ -185,7 +225,8 @@ def test_a_lie_after_true_steps_ends_in_a_hold(arm: RealRobot, twin: Twin) -> No
         ({"policy": "smock"}, "'smock' (mock?) is no policy's name"),
         ({"policy": None}, "policy is None"),
         ({"policy": 3}, "int is no policy"),
-        ({"policy": "zmq://gpu:5555"}, "there is no client for zmq://"),
+        ({"policy": "grpc://gpu:5555"}, "there is no client for grpc://"),
+        ({"policy": creep, "max_age": 0}, "max_age is 0"),
         ({"policy": "./nowhere"}, "there is no folder nowhere"),
         ({"policy": creep, "amplitude": 1.0}, "amplitude: of a policy that is made already"),
         ({"policy": creep, "seconds": 0}, "seconds is 0"),

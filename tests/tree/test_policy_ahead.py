@@ -52,6 +52,16 @@ def test_a_policy_that_is_quicker_than_its_chunks_never_leaves_the_buffer_empty(
     assert longest <= len(CHUNK) * 2.5
 
 
+def test_an_empty_chunk_leaves_the_buffer_as_low_as_before() -> None:
+    """A policy that reads several observations returns no action while it collects them."""
+    buffer = Buffer(PERIOD_S)
+    buffer.add(CHUNK, PERIOD_NS)
+    while not buffer.low:
+        buffer.next()
+    buffer.add([], 1)
+    assert buffer.low and len(buffer) == 5
+
+
 class Slow:
     """Compute for 70 ms for each 100 ms of actions."""
 

@@ -33,13 +33,17 @@ class Commander(enum.IntEnum):
 
 class Felt(NamedTuple):
     """Position, velocity and effort of each axis of a simulated body at one time, in radians or metres. ``effort``
-    is in Nm or N."""
+    is in Nm or N. The last three are the position, the orientation and the angular velocity (in its own frame) of a
+    base that moves freely. They are empty for any other robot."""
 
     time_s: float
     position: Sequence[float]
     velocity: Sequence[float]
     effort: Sequence[float]
     commanders: Sequence[Commander]
+    base_xyz_m: Sequence[float] = ()
+    orientation_wxyz: Sequence[float] = ()
+    gyro_rad_s: Sequence[float] = ()
 
 
 class Body(Protocol):

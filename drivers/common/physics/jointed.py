@@ -48,6 +48,7 @@ class Jointed:
         self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
+        self._is_paused = False
         # Position and orientation (quaternion) at which the robot was placed; None if it was not moved.
         self.placed: tuple[Any, Any] | None = None
         self._bind()
@@ -66,6 +67,17 @@ class Jointed:
         self._jam = [model.equality(f"{name}_jam").id for name in self.joints]
         self._qpos = np.array([int(model.jnt_qposadr[joint]) for joint in self._joint])
         self._dof = np.array([int(model.jnt_dofadr[joint]) for joint in self._joint])
+        self._base = self._free_base()
+
+    def _free_base(self) -> tuple[int, int] | None:
+        """Return the addresses of the free joint of the robot's base in ``qpos`` and ``qvel``; None if its base is
+        fixed or moves on joints of its own."""
+        model = self.model
+        bodies = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in self._joint}
+        first = int(model.body_jntadr[bodies.pop()]) if len(bodies) == 1 else -1
+        if first < 0 or model.jnt_type[first] != mujoco.mjtJoint.mjJNT_FREE:
+            return None
+        return int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
 
     @property
     def time_s(self) -> float:
@@ -85,6 +97,19 @@ class Jointed:
         """Return the torque of each joint's actuator. It does not include gravity."""
         return tuple(self.data.actuator_force[self._actuator].tolist())
 
+    @property
+    def base_xyz_m(self) -> tuple[float, ...]:
+        """Return the position of a base that moves freely; empty for any other robot. So are the two below."""
+        return () if self._base is None else tuple(self.data.qpos[self._base[0] :][:3].tolist())
+
+    @property
+    def base_orientation_wxyz(self) -> tuple[float, ...]:
+        return () if self._base is None else tuple(self.data.qpos[self._base[0] + 3 :][:4].tolist())
+
+    @property
+    def base_gyro_rad_s(self) -> tuple[float, ...]:
+        return () if self._base is None else tuple(self.data.qvel[self._base[1] + 3 :][:3].tolist())
+
     def set_stuck(self, index: int, on: bool) -> None:
         """Seize the gearbox of a joint, or free it. A seized joint keeps its position under any load."""
         address = self._qpos[index]
@@ -94,7 +119,7 @@ class Jointed:
     def catch_up(self, now_s: float) -> None:
         """Simulate up to the time ``now_s`` of any monotonic clock. The first call sets the origin of this
         clock."""
-        if self._origin_s is None:
+        if self._origin_s is None or self._is_paused:
             self._origin_s = now_s - self.data.time
         behind_s = now_s - self._origin_s - self.data.time
         longest_s = min(LONGEST_CATCH_UP_S, self._solver.max_steps * self._step_s)
@@ -104,6 +129,10 @@ class Jointed:
         steps = int(behind_s / self._step_s + 1e-6)
         if steps > 0:
             self._solver.step(self.model, self.data, steps)
+
+    def pause(self, on: bool) -> None:
+        """Stop the simulated time, so that it advances only by ``step``, or let it run again."""
+        self._is_paused = on
 
     def step(self, steps: int) -> None:
         """Compute this number of time steps at once, in addition to those that ``catch_up`` computes."""

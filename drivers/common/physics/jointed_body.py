@@ -30,26 +30,39 @@ class JointedBody:
 
     def felt(self) -> Felt:
         plant = self._plant
-        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, self.commanders)
+        return Felt(
+            plant.time_s,
+            plant.position_rad,
+            plant.velocity_rad_s,
+            plant.effort_nm,
+            self.commanders,
+            plant.base_xyz_m,
+            plant.base_orientation_wxyz,
+            plant.base_gyro_rad_s,
+        )
 
     def pose(self) -> Sequence[float]:
         qpos: list[float] = self._plant.data.qpos.tolist()
         return qpos
 
     def energise(self, on: bool) -> None:
+        self._plant.hold_by_controller(on)
         for index in range(len(self.axes)):
             self._plant.energise(index, on)
 
     def set_targets(self, values: Sequence[float]) -> None:
+        self._plant.hold_by_controller(False)
         for index, value in enumerate(values):
             self._plant.set_simulation_target(index, value)
 
     def hold(self) -> None:
-        self.set_targets(self._plant.position_rad)
+        if not self._plant.hold_by_controller(True):
+            self.set_targets(self._plant.position_rad)
 
     def step(self, steps: int) -> None:
         self._plant.step(steps)
         self.pass_time()
 
     def reset(self) -> None:
+        self._plant.hold_by_controller(False)
         self._plant.go_home()

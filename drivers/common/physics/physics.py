@@ -11,6 +11,7 @@ from .body import Commander
 from .jointed import Jointed
 from .lean_mujoco import mujoco
 from .model_rows import build
+from .onboard import Controller, Onboard
 from .touch import Touch, TouchWatch
 
 
@@ -44,6 +45,7 @@ class Plant(Jointed):
         home_qpos: Sequence[float] = (),
     ) -> None:
         self._touch_watch: TouchWatch | None = None
+        self._onboard: Onboard | None = None
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         # With this damping gain the servo is critically damped.
@@ -82,10 +84,28 @@ class Plant(Jointed):
         taken, self._touch_watch.touches = self._touch_watch.touches, []
         return taken
 
+    def balance_by(self, controller: Controller) -> None:
+        """Let a controller move the joints whenever they would only hold (``hold_by_controller``)."""
+        self._onboard = Onboard(self._solver, controller, self._set_simulation_targets)
+        self._solver = self._onboard
+
+    def hold_by_controller(self, on: bool) -> bool:
+        """Switch the controller on board on or off. Return False if the robot has none."""
+        if self._onboard is None:
+            return False
+        self._onboard.switch(on)
+        return True
+
+    def _set_simulation_targets(self, values: Sequence[float]) -> None:
+        for index, value in enumerate(values):
+            self.set_simulation_target(index, value)
+
     def recompile(self) -> None:
         super().recompile()
         if self._touch_watch is not None:
             self.watch_touches()
+        if self._onboard is not None:
+            self._onboard.solver, self._solver = self._solver, self._onboard
 
     def _bind(self) -> None:
         super()._bind()

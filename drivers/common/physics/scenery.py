@@ -24,6 +24,9 @@ SHAPES = {
 }
 """For each shape: MuJoCo's type, the count of numbers in its size, and their meaning, in metres."""
 
+LIGHT = "strands_actors light"
+"""Name of the numbers in a model that state its light: brightness, azimuth and elevation in degrees."""
+
 TOUCHES = 3
 """Objects touch the floor (1), links (2) and each other."""
 
@@ -107,6 +110,25 @@ class Scenery:
         else:
             geom.size = _half(requested.shape, requested.size)
         self._compile(added)
+
+    def poses(self) -> dict[str, tuple[float, ...]]:
+        """Return position (m) and orientation (w, x, y, z) of each object that was added."""
+        jointed = self._jointed
+        names = [name for name in self.objects if jointed.spec.material(f"object {name}") is not None]
+        bodies = {name: jointed.data.body(name) for name in names}
+        return {name: (*body.xpos.tolist(), *body.xquat.tolist()) for name, body in bodies.items()}
+
+    def set_light(self, light: tuple[float, float, float]) -> None:
+        """Set the light of pictures: brightness (1 is the usual light), azimuth and elevation in degrees."""
+        numbers = self._jointed.spec.numeric(LIGHT)
+        if numbers is None:
+            numbers = self._jointed.spec.add_numeric(name=LIGHT, size=len(light))
+        numbers.data = light
+        self._compile([])
+
+    def pause(self, on: bool) -> None:
+        """Stop the simulated time, so that it advances only by steps, or let it run again."""
+        self._jointed.pause(on)
 
     def remove_object(self, name: str) -> None:
         """Remove an object. Raise ``Refused`` if no object with this name was added."""

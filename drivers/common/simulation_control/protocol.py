@@ -127,6 +127,25 @@ class Load(Frame, frozen=True):
     name: str
 
 
+class Pause(Frame, frozen=True):
+    """Stop the time of the simulation, so that it advances only by ``Step``; or let it run again. Reply: ``Done``,
+    or ``No`` if it is refused."""
+
+    on: bool
+
+
+class SetLight(Frame, frozen=True):
+    """Change the light of pictures. Reply: ``Done``, or ``No`` if it is refused."""
+
+    brightness: float  # 1 is the usual light
+    azimuth_deg: float  # direction from which the main lamp shines, from above: 0 is along x, 90 along y
+    elevation_deg: float  # its height above the horizon
+
+
+class GetObjects(Frame, frozen=True):
+    """Request the poses of the objects that were added. Reply: ``Objects``."""
+
+
 class GetModel(Frame, frozen=True):
     """Request the scene as a compiled MuJoCo model. Reply: ``Model``, or ``No`` if it is refused."""
 
@@ -146,6 +165,10 @@ class Sample(Frame, frozen=True):
     effort: tuple[float, ...]  # newton metres; newtons for a linear axis
     # Controller of each joint. 1: commands in the robot's real protocol, 2: the simulation, 0: neither of these.
     commanders: tuple[int, ...]
+    # Of a base that moves freely; otherwise empty.
+    base_xyz_m: tuple[float, ...] = ()
+    orientation_wxyz: tuple[float, ...] = ()
+    gyro_rad_s: tuple[float, ...] = ()
 
 
 class Picture(Frame, frozen=True):
@@ -169,6 +192,12 @@ class Pose(Frame, frozen=True):
     scene: int = 0
 
 
+class Objects(Frame, frozen=True):
+    """Reply to ``GetObjects``: position (m) and orientation (w, x, y, z) of each object by its name."""
+
+    poses: dict[str, tuple[float, ...]]
+
+
 class Done(Frame, frozen=True):
     """Reply to a request that was carried out and returns no data."""
 
@@ -177,9 +206,10 @@ class No(Frame, frozen=True):
     reason: str
 
 
-Change = AddObject | AddCamera | RemoveObject | Save
-Request = Handshake | Take | Aim | Safe | Read | Reset | Step | Render | Load | Change | GetModel | GetPose
-Reply = Axes | Sample | Picture | Model | Pose | Done | No
+Change = AddObject | AddCamera | RemoveObject | Save | Pause | SetLight
+Question = Read | Render | GetModel | GetPose | GetObjects
+Request = Handshake | Take | Aim | Safe | Reset | Step | Load | Change | Question
+Reply = Axes | Sample | Picture | Model | Pose | Objects | Done | No
 
 FrameT = TypeVar("FrameT")
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
+from strands_actors.drivers.common.physics.scenery import LIGHT
 
 from .looks.dress import dress, is_bare
 from .wrist import add_wrist
@@ -28,6 +29,9 @@ _ROOM = 1.0
 """Factor of the camera's distance. No margin is needed, since a robot looks smaller than the ball around
 it."""
 
+
+MAIN_LAMP_DEG = (-52.1, 55.2)
+"""Azimuth and elevation of the direction from which the main lamp shines."""
 
 SKY, GROUND = "strands_actors sky", "strands_actors ground"
 """Names that no model uses for its sky and ground."""
@@ -146,10 +150,13 @@ def _add_lights(scene: Any, view: View) -> None:
     """Add a lamp above the robot on one side, and a weaker lamp on the other side. The distance of the lamps
     depends on the size of the robot."""
     middle = np.asarray(view.middle)
-    for towards, strength, shadow in (
-        ([-0.35, 0.45, -0.82], 0.6, True),
-        ([-0.6, -0.6, -0.5], 0.2, False),
-    ):
+    chosen = scene.numeric(LIGHT)
+    brightness, azimuth_deg, elevation_deg = (1.0, *MAIN_LAMP_DEG) if chosen is None else chosen.data
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    level = math.cos(elevation)
+    main = [-level * math.cos(azimuth), -level * math.sin(azimuth), -math.sin(elevation)]
+    for towards, share, shadow in ((main, 0.6, True), ([-0.6, -0.6, -0.5], 0.2, False)):
+        strength = min(1.0, share * brightness)
         scene.worldbody.add_light(
             default=PLAIN.default,
             pos=middle - np.asarray(towards) * view.radius * 5,

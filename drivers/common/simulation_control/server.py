@@ -15,7 +15,7 @@ import trio
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from ..physics.body import Body, Commander, Flying
-from ..physics.scenery import Camera, Object, Refused, scenery_of
+from ..physics.scenery import Camera, Object, Refused, Scenery, scenery_of
 from . import protocol as p
 from .renderer import CannotRender, Renderer
 
@@ -152,7 +152,7 @@ class SimulationControl:
                 except Refused as refusal:
                     return p.No(number, str(refusal))
                 body.hold()
-            case p.AddObject() | p.AddCamera() | p.RemoveObject() | p.Save():
+            case p.AddObject() | p.AddCamera() | p.RemoveObject() | p.Save() | p.Pause() | p.SetLight():
                 return self._change(request)
             case p.Step():
                 if not 1 <= request.steps <= p.MOST_STEPS:
@@ -167,6 +167,9 @@ class SimulationControl:
             case p.GetModel():
                 scene, binary = await self._renderer.model(self._body.pose())
                 return p.Model(number, binary, scene)
+            case p.GetObjects():
+                scenery: Scenery | None = getattr(body, "scenery", None)
+                return p.Objects(number, {} if scenery is None else scenery.poses())
             case p.GetPose():
                 return p.Pose(number, tuple(body.pose()), self._renderer.scene)
             case p.Read():
@@ -179,6 +182,9 @@ class SimulationControl:
             tuple(felt.velocity),
             tuple(felt.effort),
             tuple(int(commander) for commander in felt.commanders),
+            tuple(felt.base_xyz_m),
+            tuple(felt.orientation_wxyz),
+            tuple(felt.gyro_rad_s),
         )
 
     def _change(self, request: p.Change) -> p.Reply:
@@ -195,6 +201,10 @@ class SimulationControl:
                     scenery.remove_object(request.name)
                 case p.Save():
                     scenery.save(request.name)
+                case p.Pause():
+                    scenery.pause(request.on)
+                case p.SetLight():
+                    scenery.set_light((request.brightness, request.azimuth_deg, request.elevation_deg))
         except Refused as refusal:
             return p.No(request.number, str(refusal))
         return p.Done(request.number)

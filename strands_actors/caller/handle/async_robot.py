@@ -316,6 +316,7 @@ class AsyncRobot:
         instruction: str = "",
         control_frequency: float | None = None,
         progress: Show | bool | None = None,
+        max_age: float = running.MAX_AGE_S,
         **options: Any,
     ) -> Answer:
         """Let a policy control the robot for some seconds, and return what happened.
@@ -324,7 +325,9 @@ class AsyncRobot:
         ``RealRobot.run``.
         """
         try:
-            run = running.Run(self.driver, policy, seconds, instruction, control_frequency, progress, options)
+            run = running.Run(
+                self.driver, policy, seconds, instruction, control_frequency, progress, max_age, options
+            )
         except (TypeError, ValueError) as failure:
             return answers.error(f"{running.RUN}: {failure}")
         begun = await answered(running.RUN, run.begin, self._tree)

@@ -45,6 +45,7 @@ def Robot(
     orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None,
     gated: bool = True,
+    onboard: str | os.PathLike[str] | None = None,
     arm: bool = True,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
@@ -88,6 +89,8 @@ def Robot(
         orientation: Orientation of the simulated base, a quaternion w, x, y, z.
         keyframe: The keyframe of the model in which the simulation begins and holds.
         gated: False lets a target of a simulation exceed the range of its joint.
+        onboard: Folder of an ONNX policy that moves the joints of a simulated model (``urdf_path``) whenever they
+            would only hold. It keeps a robot with legs standing.
         arm: False: a connect energises nothing. The robot can be read and moved by hand until
             ``resume()``.
         approve: Function that gives the approval of an operator. It is called before an agent, or
@@ -132,6 +135,7 @@ def Robot(
         orientation=orientation,
         keyframe=keyframe,
         gated=gated,
+        onboard=onboard,
         **options,
     )
     approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)

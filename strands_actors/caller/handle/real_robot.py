@@ -691,7 +691,7 @@ class RealRobot(RobotTool):
             policy_port: Port of a policy server (``policy_provider="remote"``).
             policy_host: Host of that server.
             policy_provider: ``mock``, ``sine``, ``remote``, ``lerobot_local``, a registered name, the
-                name of another package's policy, ``module:factory``, or ``ws://host:port``.
+                name of another package's policy, ``module:factory``, ``ws://host:port`` or ``zmq://host:port``.
             duration: Longest time in seconds.
             control_frequency: Actions per second, above 0 and at most 1000. None: the driver's control
                 rate.
@@ -719,6 +719,7 @@ class RealRobot(RobotTool):
         instruction: str = "",
         control_frequency: float | None = None,
         progress: Show | bool | None = None,
+        max_age: float = running.MAX_AGE_S,
         **options: Any,
     ) -> Answer:
         """Let a policy control the robot for some seconds, and return what happened.
@@ -728,7 +729,7 @@ class RealRobot(RobotTool):
 
         Args:
             policy: A policy object or a callable, as for ``run_policy``; a name, as for ``start_task``; the
-                folder of a checkpoint; or a policy server, ``"ws://host:port"``.
+                folder of a checkpoint; or a policy server, ``"ws://host:port"`` or ``"zmq://host:port"``.
             seconds: Duration from the first action. A policy may load for up to 300 s before it.
             instruction: Text for the policy.
             control_frequency: Actions per second, above 0 and at most 1000. None: the rate that the policy
@@ -736,18 +737,23 @@ class RealRobot(RobotTool):
             progress: A function that gets a dictionary ten times a second: ``running``, ``steps``, ``hz``,
                 ``elapsed_s``, ``observation_age_s`` (age of the newest reading) and ``refused``. True: a line on
                 standard error. False: nothing. None: a line if standard error is a terminal.
+            max_age: Largest age of the reading from which an action was computed, when the action is sent, in
+                seconds. An older action is never sent: the run ends, and the robot holds.
             options: Keyword arguments for a policy that runs in a separate process. They must be plain data.
 
         Returns:
             A success if the policy ran for the whole time and the robot confirmed the hold. Keys: ``robot``,
             ``policy``, ``source`` (object, name, folder or server), those of ``get_task_status``, ``refused``
-            (setpoints that the gate refused), ``observation_age_s``, and those of ``stop``.
+            (setpoints that the gate refused), ``observation_age_s``, ``action_age_s`` (the largest age that
+            ``max_age`` limits), and those of ``stop``.
 
         Example:
             arm.run("mock", seconds=5)
         """
         try:
-            run = running.Run(self._driver, policy, seconds, instruction, control_frequency, progress, options)
+            run = running.Run(
+                self._driver, policy, seconds, instruction, control_frequency, progress, max_age, options
+            )
         except (TypeError, ValueError) as failure:
             return answers.error(f"{running.RUN}: {failure}")
         begun = self._verb(run.begin, running.RUN)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 RUN = "run"
 LOAD_S = 300.0
 """Longest time until the first action. A large model loads in minutes."""
+MAX_AGE_S = 10.0
+"""Default of ``max_age``. A chunk of a hundred actions at 30 Hz is half as old when its last action is sent."""
 DEFAULT_S = 10.0
 """Default duration of ``run``."""
 
@@ -43,6 +45,7 @@ class Run:
         instruction: Text for the policy.
         control_frequency: Actions per second; None for the rate that the policy states, else the driver's.
         progress: As in ``progress.show_of``.
+        max_age: As in ``RealRobot.run``.
         options: Keyword arguments for the policy.
 
     Raises:
@@ -58,6 +61,7 @@ class Run:
         instruction: str,
         control_frequency: float | None,
         progress: Show | bool | None,
+        max_age: float,
         options: Mapping[str, Any],
     ) -> None:
         # Only a program that runs a policy needs this module.
@@ -65,6 +69,13 @@ class Run:
 
         self._seconds, hz = as_python(seconds), as_python(control_frequency)
         check_length(self._seconds, None, hz, "seconds")
+        self._max_age_s = as_python(max_age)
+        if (
+            isinstance(self._max_age_s, bool)
+            or not isinstance(self._max_age_s, int | float)
+            or not self._max_age_s > 0
+        ):
+            raise ValueError(f"max_age is {max_age!r}. Give seconds, above 0")
         if not isinstance(instruction, str):
             raise TypeError(f"instruction is {instruction!r}. Give text")
         self.source: Source = choose(policy, options)
@@ -88,9 +99,13 @@ class Run:
         begun: TaskStatus | Refused
         if self.source.provider:
             options = {**robot_facts(self._provider, tree.driver, tree.robot, tree.cameras.names), **self._options}
-            begun = await rollouts.start_task(self._provider.where, options, *arguments, self._hz, load_s=LOAD_S)
+            begun = await rollouts.start_task(
+                self._provider.where, options, *arguments, self._hz, load_s=LOAD_S, max_age_s=self._max_age_s
+            )
         else:
-            begun = await rollouts.run_policy(self.source.policy, *arguments, 0, self._hz, RUN, LOAD_S)
+            begun = await rollouts.run_policy(
+                self.source.policy, *arguments, 0, self._hz, RUN, LOAD_S, self._max_age_s
+            )
         if isinstance(begun, Refused):
             return answers.refused(begun.about(RUN))
         return answers.success(answers.task(begun))
@@ -113,6 +128,7 @@ class Run:
             **answers.task(status),
             "refused": self._last.refused,
             "observation_age_s": self._last.observation_age_s,
+            "action_age_s": round(status.action_age_s, 3),
         }
         held = answers.stop_result(RUN, result, done)
         if status.exit_reason in DONE or not status.exit_reason:

@@ -334,6 +334,38 @@ class SimRobot(RealRobot):
             self._sizes[name] = (width, height)
         return answer
 
+    def set_light(self, brightness: float = 1.0, azimuth: float = -52.1, elevation: float = 55.2) -> Answer:
+        """Change the light of the pictures of the scene.
+
+        Args:
+            brightness: 0 to 10; 1 is the usual light.
+            azimuth: Direction from which the main lamp shines, in degrees: 0 is along x, 90 along y.
+            elevation: Its height above the horizon in degrees, above 0 and at most 90.
+
+        Returns:
+            Key: ``brightness``.
+        """
+        return self._change(
+            "set_light",
+            lambda: (scene.light_fields(brightness, azimuth, elevation),),
+            {"brightness": brightness},
+        )
+
+    def get_objects(self) -> Answer:
+        """Return where the objects are that ``add_object`` has added.
+
+        Returns:
+            For each object, under its name, the keys ``position`` (x, y, z in metres) and ``orientation``
+            (quaternion w, x, y, z).
+        """
+        try:
+            poses = self._call(self._world.objects)
+        except SimulationError as failure:
+            return answers.error(f"get_objects: {failure}")
+        return answers.success(
+            {name: {"position": list(pose[:3]), "orientation": list(pose[3:])} for name, pose in poses.items()}
+        )
+
     def run_policy(
         self,
         policy: Any = None,

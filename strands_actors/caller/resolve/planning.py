@@ -15,7 +15,7 @@ from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 
 from ..processes.plan import Plan
 from ..processes.twin_process import SIM, TwinProcess
-from .simulated import check_keyframe, read_own_model
+from .simulated import check_built_in, read_own_model
 from .wanted import RobotArguments, adapters, is_serial, read
 
 TWIN = "twin"
@@ -75,7 +75,7 @@ def _simulated(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
     if file is not None:
         driver_class, resolved, twin = read_own_model(arguments.robot, file, scene)
         return _simulation(arguments, driver_class, resolved, twin)
-    check_keyframe(arguments.robot, scene)
+    check_built_in(arguments.robot, scene)
     if reason := driver_class.SIMULATION:
         raise ValueError(f"Robot: there is no simulation of {arguments.name}: {reason}")
     return _simulation(arguments, driver_class, driver_class.resolve(arguments.robot, {}), None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from strands_actors.contract.loading import load
@@ -26,6 +27,9 @@ ISAAC = (
 NEWTON = ("newton", "mujoco_warp")
 """Packages of the extra ``newton``."""
 
+ONBOARD = "strands_actors.policies.onnx.policy:OnnxPolicy"
+"""The class of a policy that keeps a simulated robot standing while it holds."""
+
 HOME = "home"
 """The only keyframe of a built-in robot. It is the pose in which it begins anyway."""
 
@@ -40,10 +44,13 @@ class Scene:
     orientation: Any = None
     keyframe: str | int | None = None
     gated: bool = True
+    onboard: str | os.PathLike[str] | None = None
 
     def simulation_keywords(self) -> dict[str, Any]:
         """Return the given keywords that only a simulation uses."""
-        own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
+        own = {
+            name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe", "onboard")
+        }
         own["backend"] = self.alternative_backend or None
         own["gated"] = None if self.gated else False
         return {name: value for name, value in own.items() if value is not None}
@@ -100,10 +107,27 @@ def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict
                 f"The model of {robot} has {', '.join(names) or 'no keyframes'}"
             )
         twin["home"] = keyframes[keyframe]
+    if scene.onboard is not None:
+        twin |= {"onboard": ONBOARD, "onboard_options": {"folder": _onboard_folder(scene.onboard)}}
     return driver_class, options, twin
 
 
-def check_keyframe(robot: str, scene: Scene) -> None:
-    """Raise ``ValueError`` for a keyframe that a built-in robot does not have."""
+def _onboard_folder(onboard: str | os.PathLike[str]) -> str:
+    """Return the folder of the policy that keeps a simulated robot standing. Raise ``ValueError`` if it is none."""
+    # This import reads manifests, which only a robot with such a policy has.
+    from strands_actors.policies.folders import ONNX, read_folder
+
+    folder = os.path.abspath(os.path.expanduser(onboard))
+    if not os.path.isdir(folder) or read_folder(Path(folder)).provider != ONNX:
+        raise ValueError(f"Robot: onboard is {str(onboard)!r}. Give the folder of an ONNX policy")
+    return folder
+
+
+def check_built_in(robot: str, scene: Scene) -> None:
+    """Raise ``ValueError`` for a keyframe that a built-in robot does not have, or for a controller on board."""
+    if scene.onboard is not None:
+        raise ValueError(
+            f"Robot: onboard is for a model of yours (urdf_path), and {robot} is built in. Leave it out"
+        )
     if scene.keyframe not in (None, HOME, 0) or isinstance(scene.keyframe, bool):
         raise ValueError(f"Robot: keyframe is {scene.keyframe!r}. {robot} has only {HOME!r}, in which it begins")

@@ -103,6 +103,7 @@ def read(
     orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None,
     gated: bool = True,
+    onboard: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> tuple[RobotArguments, type[Any]]:
     """Return the checked arguments, and the driver's class.
@@ -116,7 +117,7 @@ def read(
     if chosen_mode not in MODES:
         raise ValueError(f"Robot: mode is {mode!r}. Use {', '.join(map(repr, MODES))} (upper or lower case)")
     robot = canonical_name(name)
-    scene = Scene(backend, urdf_path, position, orientation, keyframe, gated)
+    scene = Scene(backend, urdf_path, position, orientation, keyframe, gated, onboard)
     if not isinstance(gated, bool):
         raise TypeError(
             f"Robot: gated is {shown(gated)}. Give True, or False to let targets exceed the ranges of joints"

@@ -85,6 +85,7 @@ class Rollouts:
         hz: float | None,
         verb: str = "run_policy",
         load_s: float = 0.0,
+        max_age_s: float = 0.0,
     ) -> TaskStatus | Refused:
         """Run ``policy`` in this process, and return at once.
 
@@ -97,12 +98,15 @@ class Rollouts:
             hz: Actions per second; None for the driver's control rate.
             verb: Name of the user's verb, for refusals.
             load_s: As in ``Rollout``.
+            max_age_s: As in ``Rollout``.
         """
         async with self._writer.turn:
             refusal = await self._may_start(verb)
             if refusal is not None:
                 return refusal
-            rollout = replace(self._rollout(instruction, duration_s, n_steps, hz), load_s=load_s)
+            rollout = replace(
+                self._rollout(instruction, duration_s, n_steps, hz), load_s=load_s, max_age_s=max_age_s
+            )
             return self._begin(rollout, lambda: policy)
 
     def _begin(self, rollout: Rollout, make: Callable[[], Any]) -> TaskStatus:
@@ -149,6 +153,7 @@ class Rollouts:
         is_actor: bool = False,
         teleop: dict[str, Any] | None = None,
         load_s: float = 0.0,
+        max_age_s: float = 0.0,
     ) -> TaskStatus | Refused:
         """Run a named policy in a separate process, and return at once. For a robot of another host it
         runs in this process.
@@ -162,12 +167,13 @@ class Rollouts:
             is_actor: As in ``StartTask``.
             teleop: As in ``StartTask``; None for no teleoperation.
             load_s: As in ``Rollout``.
+            max_age_s: As in ``Rollout``.
         """
         async with self._writer.turn:
             refusal = await self._may_start(START_TASK)
             if refusal is not None:
                 return refusal
-            rollout = replace(self._rollout(instruction, duration_s, 0, hz), load_s=load_s)
+            rollout = replace(self._rollout(instruction, duration_s, 0, hz), load_s=load_s, max_age_s=max_age_s)
             tasks = self._processes.tasks
             if tasks is None:
                 return self._begin(rollout, lambda: load(provider)(**options))

@@ -23,6 +23,9 @@ A number ``a`` of a row becomes the target of its joint, where ``factor`` is the
 
     absolute, offset   offset + a * factor
     delta              the measured position + a * factor
+
+With ``clip`` a target beyond the range of its joint becomes the end of that range. Without it the robot refuses
+such a target, which ends the run. Networks of legged robots often aim beyond a range, to press harder.
 """
 
 from __future__ import annotations
@@ -114,6 +117,7 @@ class Action(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kind: ActionKind
     scale: float = 1.0
     chunk: int = 1
+    clip: bool = False
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

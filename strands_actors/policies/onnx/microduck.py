@@ -144,7 +144,7 @@ def read_microduck(content: bytes, skill: str = "") -> Manifest:
             LastAction(),
             Command((0.0,) * COMMAND),
         ),
-        action=Action(ActionKind.OFFSET, entry.action_scale),
+        action=Action(ActionKind.OFFSET, entry.action_scale, clip=True),
         format=FORMAT,
         version=VERSION,
         description=entry.description[:200],

@@ -66,11 +66,17 @@ class OnnxPolicy:
         self._command = command_of(manifest, command)
         self._index = [list(axes).index(name) for name in names]
         self._factors = [math.nan] * len(names)
+        self._ranges = [(-math.inf, math.inf)] * len(names)
         self._reading: Observation | None = None
         self._network = Network(
             Path(folder) / manifest.file, manifest.inputs, manifest.action.chunk, len(manifest.joints)
         )
         self.reset()
+
+    @property
+    def control_hz(self) -> float:
+        """The number of actions per second that the manifest states."""
+        return self._manifest.control_hz
 
     def set_robot_axes(self, axes: Sequence[Axis]) -> None:
         """Set the units of the robot's axes. Raise ``ValueError`` if a joint of the manifest has another one."""
@@ -84,10 +90,12 @@ class OnnxPolicy:
                     f"{axis.mode} in {axis.unit!r}. Correct the unit in the manifest"
                 )
             self._factors[number] = factor
+            if self._manifest.action.clip:
+                self._ranges[number] = (axis.low, axis.high)
 
     def set_control_frequency(self, hz: float) -> None:
         """Check the rate at which the actions are executed. Raise ``ValueError`` if it is not the manifest's."""
-        own = self._manifest.control_hz
+        own = self.control_hz
         if abs(hz - own) > HZ_TOLERANCE * own:
             raise ValueError(f"onnx: the manifest states {own:g} Hz, and the run has {hz:g} Hz. Use its rate")
 
@@ -126,10 +134,12 @@ class OnnxPolicy:
 
     def _targets(self, row: Sequence[float], positions: Sequence[float]) -> dict[str, float]:
         action, targets = self._manifest.action, {}
-        rows = zip(self._manifest.joints, row, positions, self._factors, strict=True)
-        for joint, value, position, factor in rows:
+        rows = zip(self._manifest.joints, row, positions, self._factors, self._ranges, strict=True)
+        for joint, value, position, factor, (low, high) in rows:
             start = position if action.kind is ActionKind.DELTA else joint.offset
-            targets[joint.name] = (start + value * action.scale / joint.scale) / factor
+            target = (start + value * action.scale / joint.scale) / factor
+            # A target that is not a number stays one, so that the robot refuses it.
+            targets[joint.name] = low if target < low else high if target > high else target
         return targets
 
     def _values(self, block: Block, positions: Sequence[float]) -> Sequence[float]:

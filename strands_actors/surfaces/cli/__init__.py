@@ -22,14 +22,21 @@ from .options import (
     Every,
     Id,
     Json,
+    Keyframe,
     Kind,
     Mesh,
+    Model,
+    Onboard,
+    Policy,
+    PolicyHz,
+    PolicyOptions,
     Running,
     What,
     Which,
     cameras_of,
     finite,
     one_or_all,
+    scene_of,
     settings_of,
 )
 from .stop_forms import spelled
@@ -280,30 +287,27 @@ def send(
 @app.command("run")
 def run_(
     robot: Kind,
-    policy: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|DIR|ws://HOST:PORT|MODULE:CLASS",
-            help="A policy by name (mock, sine ...), the folder of a checkpoint or an ONNX policy, or a server.",
-        ),
-    ],
+    policy: Policy,
     seconds: Annotated[
         float, typer.Option(min=0.01, callback=finite, help="Duration from the policy's first action.")
     ] = 10.0,
     instruction: Annotated[str, typer.Option(help="The task, for the policy.")] = "",
-    hz: Annotated[
-        float | None,
-        typer.Option(callback=finite, help="Actions per second. Default: that of the policy, or of the robot."),
-    ] = None,
-    option: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="An option of the policy, such as units=degrees. Can be repeated."),
-    ] = None,
+    hz: PolicyHz = None,
+    option: PolicyOptions = None,
     port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
     twin: Annotated[
         bool, typer.Option("--twin", help="Use the robot's twin. Without --twin and --port: a simulation.")
     ] = False,
+    max_age: Annotated[
+        float,
+        typer.Option(
+            "--max-age", min=0.01, callback=finite, help="Largest age (s) of the reading behind a sent action."
+        ),
+    ] = 10.0,
     camera: Cameras = None,
+    model: Model = None,
+    keyframe: Keyframe = None,
+    onboard: Onboard = None,
     id_: Id = None,
     json: Json = False,
 ) -> None:
@@ -311,9 +315,52 @@ def run_(
     from .one_robot import OneRobot
     from .run_policy import run_policy
 
-    chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()))
+    scene = scene_of(model, keyframe, onboard)
+    chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()), scene)
     options = settings_of("run", option or ())
-    raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, options, as_json=json))
+    raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, max_age, options, as_json=json))
+
+
+@app.command("eval")
+def eval_(
+    robot: Kind,
+    policy: Policy,
+    success: Annotated[
+        str,
+        typer.Option(metavar="MODULE:FUNCTION", help="Returns True if the state of an episode is a success."),
+    ],
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 20,
+    seconds: Annotated[
+        float, typer.Option(min=0.01, callback=finite, help="Longest simulated time of an episode.")
+    ] = 10.0,
+    scene: Annotated[
+        str | None,
+        typer.Option(metavar="MODULE:FUNCTION", help="Prepares each episode: objects, light, cameras, start pose."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode; the next ones count up.")] = 0,
+    instruction: Annotated[str, typer.Option(help="The task, for the policy.")] = "",
+    hz: PolicyHz = None,
+    option: PolicyOptions = None,
+    camera: Cameras = None,
+    model: Model = None,
+    keyframe: Keyframe = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for results.json and a film of each episode that was not won."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run a policy in simulated episodes, which can be repeated, and print a table of their results."""
+    from .evaluate import Request, evaluate
+    from .one_robot import OneRobot
+
+    chosen = OneRobot(robot, None, False, None, None, scene_of(model, keyframe, None))
+    cameras = cameras_of("eval", camera or ()) or {}
+    options = settings_of("eval", option or ())
+    request = Request(
+        chosen, policy, options, cameras, episodes, seconds, seed, success, scene, instruction, hz, out
+    )
+    raise typer.Exit(evaluate(request, as_json=json))
 
 
 @app.command()

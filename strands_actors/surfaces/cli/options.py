@@ -50,6 +50,42 @@ def cameras_of(verb: str, texts: Sequence[str]) -> dict[str, dict[str, Any]] | N
     return cameras or None
 
 
+Policy = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|DIR|ws://HOST:PORT|zmq://HOST:PORT|MODULE:CLASS",
+        help="A policy by name (mock, sine ...), the folder of a checkpoint or an ONNX policy, or a server.",
+    ),
+]
+PolicyHz = Annotated[
+    float | None,
+    typer.Option(callback=finite, help="Actions per second. Default: that of the policy, or of the robot."),
+]
+PolicyOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--option", metavar="KEY=VALUE", help="An option of the policy, such as units=degrees. Can be repeated."
+    ),
+]
+Model = Annotated[
+    str | None,
+    typer.Option(metavar="FILE", help="Simulate this MJCF or URDF under the robot's name."),
+]
+Keyframe = Annotated[str | None, typer.Option(help="The keyframe of --model in which the simulation begins.")]
+Onboard = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DIR", help="An ONNX policy that keeps a simulated model with legs standing while it holds."
+    ),
+]
+
+
+def scene_of(model: str | None, keyframe: str | None, onboard: str | None) -> dict[str, Any]:
+    """Return the keywords of ``Robot`` that the options --model, --keyframe and --onboard give."""
+    given = {"urdf_path": model, "keyframe": keyframe, "onboard": onboard}
+    return {name: value for name, value in given.items() if value is not None}
+
+
 def settings_of(verb: str, texts: Sequence[str]) -> dict[str, Any]:
     """Return the keyword arguments that the options ``--option KEY=VALUE`` give.
 

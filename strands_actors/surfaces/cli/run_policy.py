@@ -26,6 +26,7 @@ def run_policy(
     seconds: float,
     instruction: str,
     hz: float | None,
+    max_age: float,
     options: Mapping[str, Any],
     as_json: bool,
 ) -> int:
@@ -37,6 +38,7 @@ def run_policy(
         seconds: Duration from the policy's first action.
         instruction: Text for the policy.
         hz: Actions per second; None for the policy's or the driver's.
+        max_age: As for ``RealRobot.run``, in seconds.
         options: Keyword arguments for the policy.
         as_json: Print JSON.
 
@@ -54,7 +56,7 @@ def run_policy(
     progress = False if as_json else TerminalLine(seconds)
     code, text = 0, ""
     try:
-        answer = robot.run(policy, seconds, instruction, hz, progress, **options)
+        answer = robot.run(policy, seconds, instruction, hz, progress, max_age, **options)
         code, text = (0, "") if answer["status"] == "success" else (FAILED, answer["content"][0]["text"])
         report: dict[str, Any] = answer["content"][-1].get("json", {})
     except KeyboardInterrupt:
@@ -83,5 +85,6 @@ def _interrupted(robot: RealRobot, policy: str) -> dict[str, Any]:
 
 def _line(report: Mapping[str, Any]) -> str:
     refused = f", {report['refused']} refused" if "refused" in report else ""
-    done = f"{report[STEPS]} steps in {report['elapsed_s']:.1f} s, {report['hz']:.1f} steps/s{refused}"
+    age = f", actions up to {report['action_age_s']:.2f} s old" if "action_age_s" in report else ""
+    done = f"{report[STEPS]} steps in {report['elapsed_s']:.1f} s, {report['hz']:.1f} steps/s{refused}{age}"
     return f"{report['robot']}: {report['policy']}: {done}; ended: {report['exit_reason']}"
