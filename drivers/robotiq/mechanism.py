@@ -1,14 +1,15 @@
 """Simulate a gripper: its registers move the fingers, and the fingers change the registers.
 
-The simulation is kinematic, without forces. A position controller moves the fingers at the requested speed until
-they meet an end stop, an object or their goal. A Modbus client cannot observe more than this of a real gripper.
+A position controller moves the fingers at the requested speed until they meet an end stop, an object or their goal.
+A Modbus client cannot observe more than this of a real gripper. A gripper alone has no forces. On a simulated arm
+the fingers follow this controller in the physics of the arm (``Fingers``).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -59,15 +60,35 @@ class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.convert({**row, **bench}, cls)
 
 
-class Gripper:
-    """The simulated gripper. Each call first advances its fingers to the present time, which ``now_s`` returns."""
+class Fingers(Protocol):
+    """Fingers with physics. Their positions are in register counts."""
 
-    def __init__(self, setup: Setup, now_s: Callable[[], float] = time.monotonic) -> None:
+    @property
+    def position(self) -> float: ...
+
+    def is_blocked(self, goal: float) -> bool:
+        """Return True if something keeps the fingers from closing further, with the motor at ``goal``."""
+        ...
+
+
+class Gripper:
+    """The simulated gripper. Each call first advances its fingers to the present time, which ``now_s`` returns.
+
+    Args:
+        setup: The properties of the gripper.
+        now_s: Returns the present time in seconds.
+        fingers: The fingers, if they have physics.
+    """
+
+    def __init__(
+        self, setup: Setup, now_s: Callable[[], float] = time.monotonic, fingers: Fingers | None = None
+    ) -> None:
         self._setup = setup
+        self._fingers = fingers
         self._now_s = now_s
         self._then_s = now_s()
         self._born_s = self._last_request_s = self._then_s
-        self._position = float(setup.open)  # Position of the fingers in register counts.
+        self._position = float(setup.open)  # Position of the motor in register counts.
         self.simulation_target: float | None = None
         """Goal of a simulation for the fingers, in counts, until a command moves them."""
         self._command = RESET
@@ -116,13 +137,18 @@ class Gripper:
             contact=self._contact if self._activation == Activation.ACTIVE else Contact.MOVING,
             fault=self._fault or (SILENCE if self._silence else NO_FAULT),
             request=self._command.position,
-            position=round(self._position),
+            position=round(self.position),
             current=FREE_CURRENT if moving else self._command.force // 2 if pressed else 0,
         )
 
     @property
     def position(self) -> float:
         """The position of the fingers in register counts (0 for open)."""
+        return self._position if self._fingers is None else min(max(self._fingers.position, 0.0), float(TOP))
+
+    @property
+    def goal(self) -> float:
+        """The position of the motor, to which it pulls fingers that have physics."""
         return self._position
 
     @property
@@ -200,7 +226,9 @@ class Gripper:
     def _go(self, speed_mm_s: float, step_s: float) -> None:
         setup = self._setup
         goal = min(max(self._command.position, setup.open), setup.closed)
-        if self._move(goal, speed_mm_s, step_s):
+        if self._fingers is not None and goal > self._position and self._fingers.is_blocked(self._position):
+            self._contact = Contact.CLOSING
+        elif self._move(goal, speed_mm_s, step_s):
             met = self._object is not None and goal > self._object and self._position >= self._object
             self._contact = Contact.CLOSING if met else Contact.ARRIVED
 

@@ -12,7 +12,7 @@ from strands_actors.drivers.common.twin import Fault, Faults
 
 from . import protocol as p
 from .body import GripperBody
-from .mechanism import Gripper, Setup
+from .mechanism import Fingers, Gripper, Setup
 
 
 class RobotiqTwin:
@@ -25,10 +25,11 @@ class RobotiqTwin:
         unit: int,
         table: Mapping[str, Any],
         now_s: Callable[[], float] = time.monotonic,
+        fingers: Fingers | None = None,
     ) -> None:
         """Build the gripper. ``table`` is its table in ``robots.toml``, from which the model for pictures is
-        built."""
-        self.gripper = Gripper(setup, now_s)
+        built. ``fingers`` are those of a gripper on an arm."""
+        self.gripper = Gripper(setup, now_s, fingers)
         self.unit = unit
         self.body = GripperBody(self.gripper, table)
         self.faults = Faults()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Literal
 
 import msgspec
 
@@ -23,6 +24,10 @@ JOINTS = (
 """The names of the joints, in the order in which the controller sends and receives them."""
 
 IDS = tuple(range(len(JOINTS)))
+
+
+Gripper = Literal["robotiq_2f85", "robotiq_2f85_v4"]
+"""The grippers that the model of an arm can have on its flange."""
 
 
 class Arm(msgspec.Struct, frozen=True):

@@ -17,13 +17,14 @@ from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 
-from .arms import TABLES, arm_of
+from .arms import TABLES, Gripper, arm_of
 from .config import ControlMethod, URConfig
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, START_S, WATCHDOG_HZ, all_gates
 from .protocol import RobotMode, SafetyMode, mode_name
@@ -52,6 +53,13 @@ class UROptions(DriverOptions, frozen=True):
             "where that is installed"
         ),
     ] = None
+    gripper: Annotated[
+        Gripper | None,
+        option(
+            "the gripper on the flange: poses are then of the point between its fingers, and plans keep it off "
+            "what they keep off; a simulated arm has it, too. It is a robot of its own; None: none"
+        ),
+    ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
         None
     )
@@ -67,6 +75,7 @@ class UR(Driver):
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
+    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ("gripper",)
 
     unit = "radians"
     timing = Timing(
@@ -106,6 +115,7 @@ class UR(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         read = self.resolve(robot, options)
         self.period_s = 1 / read["control_frequency"]
+        self._gripper: str = read["gripper"] or ""
         self.robot = TABLES.canonical(robot)
         self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"], read["control"])
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
@@ -116,9 +126,13 @@ class UR(Driver):
 
     def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
         # Imported here, since only the caller needs the links of the arm.
-        from .twin.model import HOME_RAD, model_table
+        from .twin.model import FLANGE, HOME_RAD, MOUNTED, model_table
 
-        return ArmModel(arm_table(model_table(arm_of(self.robot))), self.axes, "wrist_3", home=HOME_RAD)
+        table = arm_table(model_table(arm_of(self.robot), self._gripper))
+        if not self._gripper:
+            return ArmModel(table, self.axes, FLANGE, home=HOME_RAD)
+        link, tool_m = load(f"{MOUNTED}:LINK"), load(f"{MOUNTED}:tool_m")(self._gripper)
+        return ArmModel(table, self.axes, link, tool_m, home=HOME_RAD)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}

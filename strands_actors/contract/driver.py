@@ -264,6 +264,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Keywords of the constructor besides ``port``, and their meanings."""
+    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ()
+    """Options that describe the robot's body, such as a gripper. The simulated robot takes them, too."""
     SPELLINGS: ClassVar[Mapping[str, str]] = {}
     """Other names of these keywords: ``baud_rate`` for ``baud``."""
     SECRETS: ClassVar[frozenset[str]] = frozenset()

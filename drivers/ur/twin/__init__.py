@@ -14,6 +14,7 @@ from typing import Annotated, Any, Unpack
 
 import trio
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
     Fault,
@@ -26,11 +27,12 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.arms import JOINTS, arm_of
+from strands_actors.drivers.ur.arms import JOINTS, Gripper, arm_of
 
 from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
+from .model import MOUNTED
 from .outputs import Sample
 from .requests import MODELLED
 from .rtde import RtdeServer
@@ -48,6 +50,9 @@ class URTwinOptions(HostOption, frozen=True):
     program_load_s: Annotated[
         float, option("seconds before those in which a program's text is loaded, and no stop ends it", ge=0)
     ] = 0.0
+    gripper: Annotated[
+        Gripper | None, option("a Robotiq on its flange, which serves Modbus on port 502 of the same address")
+    ] = None
 
 
 class Machine:
@@ -86,7 +91,11 @@ class URServer(TcpServer):
 
         self._is_ready = False  # True once the ports exist. The controller may report events before.
 
-        self.controller = Controller(arm_of(robot), program_start_s=chosen.program_start_s, on_event=on_event)
+        gripper = chosen.gripper or ""
+        self.controller = Controller(
+            arm_of(robot), gripper=gripper, program_start_s=chosen.program_start_s, on_event=on_event
+        )
+        self._gripper: Any = load(f"{MOUNTED}:MountedGripper")(gripper, self.controller.plant) if gripper else None
         faults = Faults()
         self._rtde = RtdeServer(self.controller, faults)
         self._machine = Machine(self.controller, faults)
@@ -104,6 +113,8 @@ class URServer(TcpServer):
             p.SECONDARY_PORT: self._state.handle,
             p.REALTIME_PORT: self._realtime.handle,
         }
+        if self._gripper is not None:
+            handlers |= self._gripper.handlers
         super().__init__(self._machine, handlers, log, chosen.host)
 
     @property
@@ -139,6 +150,8 @@ class URServer(TcpServer):
             nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
 
     def _tick(self) -> None:
+        if self._gripper is not None:
+            self._gripper.pass_time()
         self.controller.tick()
         self._tell()
 

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, Arm
@@ -18,7 +17,7 @@ from strands_actors.drivers.ur.arms import JOINTS, Arm
 from . import commands as c
 from . import motion
 from .kinematics import Kinematics
-from .model import model_table
+from .model import plant_of
 from .motion import Motion, Unreachable
 from .pose import ORIGIN, Frame, between, scaled
 
@@ -62,6 +61,7 @@ class Controller:
         self,
         arm: Arm,
         *,
+        gripper: str = "",
         program_start_s: float = 0.05,  # Time from the receipt of a program until its first line runs [assumed].
         now_s: Callable[[], float] = time.monotonic,
         on_event: Callable[[str, str], None] = lambda kind, text: None,
@@ -70,12 +70,13 @@ class Controller:
 
         Args:
             arm: The arm.
+            gripper: Name of the gripper on its flange; empty for none.
             program_start_s: Seconds from the receipt of a program until its first line runs.
             now_s: Returns the present time in seconds.
             on_event: Called with the kind and the log line of each event. The kinds are ``watchdog``, ``error``,
                 and ``stopj`` of a running program.
         """
-        self.plant = Plant.from_table(model_table(arm))
+        self.plant = plant_of(arm, gripper)
         self.arm = arm
         self.kinematics = Kinematics(arm.dh_m, [(axis.low, axis.high) for axis in arm.axes])
         self.speed_rad_s = tuple(axis.speed for axis in arm.axes)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from strands_actors.contract.loading import load
+from strands_actors.drivers.common.physics.model_rows import build
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.ur.arms import JOINTS, Arm
 
 from .looks import looks_of
@@ -13,10 +16,20 @@ HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
 """Joint positions of the simulated arm at its start in rad: upright, with a bent elbow."""
 
 
-def model_table(arm: Arm) -> dict[str, Any]:
+FLANGE = "wrist_3"
+"""The link of the arm that carries a tool. Its frame is the flange of the DH chain."""
+
+MOUNTED = "strands_actors.drivers.robotiq.mounted"
+
+
+def model_table(arm: Arm, gripper: str = "") -> dict[str, Any]:
     """Return the arm as a table from which ``drivers/common/physics/model_rows`` builds the model.
 
-    The frame of the body wrist_3 is the flange of the DH chain. The centres of mass are the vendor's, rounded.
+    The centres of mass are the vendor's, rounded.
+
+    Args:
+        arm: The arm.
+        gripper: Name of the gripper on its flange; empty for none.
     """
     d1, a2, a3, d4, d5, d6 = arm.dh_m
     bodies = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -58,8 +71,7 @@ def model_table(arm: Arm) -> dict[str, Any]:
         )
         for joint, body in enumerate(bodies)
     ]
-    return {
-        "joints": [{"key": joint} for joint in JOINTS],
+    table = {
         "model_rows": "\n".join(rows),
         "looks": looks_of(arm.dh_m, radius),
         "home_rad": HOME_RAD,
@@ -67,6 +79,19 @@ def model_table(arm: Arm) -> dict[str, Any]:
         "armature": 0.1 * arm.effort_nm[0] / 150,  # The real value is not published: [assumed].
         "bandwidth": 40.0,
     }
+    if not gripper:
+        return table
+    with_gripper: dict[str, Any] = load(f"{MOUNTED}:with_gripper")(table, FLANGE, gripper)
+    return with_gripper
+
+
+def plant_of(arm: Arm, gripper: str = "") -> Plant:
+    """Return the simulated arm, with a gripper on its flange if ``gripper`` is not empty."""
+    table = model_table(arm, gripper)
+    spec = build(table)
+    if gripper:
+        load(f"{MOUNTED}:motorise")(spec)
+    return Plant(spec, JOINTS, table["bandwidth"], table["home_rad"])
 
 
 def _triple(numbers: tuple[float, ...]) -> str:

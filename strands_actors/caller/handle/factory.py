@@ -80,7 +80,7 @@ def Robot(
         require_drill: Refuse motion unless a stop drill was passed within this time, such as ``"30d"``.
         at: The address of another host that runs the robot, such as ``"tls/arm.example:7447"``. Then
             ``mesh`` has the certificate, and ``id`` is the robot's id there.
-        lifetime: Least lifetime of a policy's setpoint in seconds, for a slow network.
+        lifetime: Least lifetime of a streamed setpoint in seconds, for a slow network or a busy computer.
         policy_limits: Limits of the process of a named policy: ``memory_mb``, ``cpu_s``,
             ``processors``, ``user``.
         backend: Physics of a simulation: ``"mujoco"``, ``"newton"`` or ``"isaac"``.

@@ -67,7 +67,7 @@ class TwinProcess:
         self._backend = backend
         self._twin = twin
         self._place = place
-        self._options = options
+        self.options: Mapping[str, Any] = options or {}
         self._has_control = has_control
         self._process: ChildProcess | None = None
         self._starting = trio.Lock()
@@ -103,7 +103,7 @@ class TwinProcess:
                 "log": os.environ.get("STRANDS_ACTORS_TWIN_LOG"),
                 "control": self.control or None,
                 "place": self._place,
-                "options": self._options,
+                "options": self.options or None,
                 "pictures": self._pictures,
                 "on_wire": self._on_wire,
                 "backend": self._backend,

@@ -78,13 +78,15 @@ def _simulated(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
     check_built_in(arguments.robot, scene)
     if reason := driver_class.SIMULATION:
         raise ValueError(f"Robot: there is no simulation of {arguments.name}: {reason}")
-    return _simulation(arguments, driver_class, driver_class.resolve(arguments.robot, {}), None)
+    body = arguments.body_options(driver_class)
+    return _simulation(arguments, driver_class, _resolve(arguments, driver_class, body), body or None)
 
 
 def _simulation(
     arguments: RobotArguments, driver_class: type[Driver], resolved: dict[str, Any], twin: dict[str, Any] | None
 ) -> Plan:
-    if ignored := arguments.hardware_keywords():
+    body = arguments.body_options(driver_class)
+    if ignored := [key for key in arguments.hardware_keywords() if key not in body]:
         raise TypeError(
             f"Robot: a simulation of {arguments.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
             "Add mode='real', or leave it out"
@@ -111,6 +113,7 @@ def _simulation(
         twin_process,
         data_config=arguments.data_config,
         mesh=arguments.mesh,
+        lifetime_s=arguments.lifetime_s,
         cameras=cameras,
     )
 
@@ -146,9 +149,16 @@ def _real(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
         cameras = _cameras(arguments, driver_class, resolved)
         draws = _draws(cameras)
         twin_process = (
-            TwinProcess(driver_class.TWIN, arguments.robot, has_control=draws, pictures=draws, on_wire=draws)
+            TwinProcess(
+                driver_class.TWIN,
+                arguments.robot,
+                has_control=draws,
+                options=arguments.body_options(driver_class) or None,
+                pictures=draws,
+                on_wire=draws,
+            )
             if owns_twin_process
-            else _twin_process_of(arguments)
+            else _twin_process_of(arguments, driver_class)
         )
     else:
         transport = {} if arguments.transport is None else {"transport": arguments.transport}
@@ -295,7 +305,7 @@ def _check_port(arguments: RobotArguments, driver_class: type[Driver], resolved:
         raise ValueError(f"Robot: {arguments.robot}: {refusal}") from None
 
 
-def _twin_process_of(arguments: RobotArguments) -> TwinProcess:
+def _twin_process_of(arguments: RobotArguments, driver_class: type[Driver]) -> TwinProcess:
     twin_process = getattr(arguments.sim, "twin_process", None)
     if getattr(arguments.sim, "transport", None) != SIM or not isinstance(twin_process, TwinProcess):
         raise ValueError(f"Robot: sim is {arguments.sim!r}. Give a simulation, such as Robot({arguments.robot!r})")
@@ -303,6 +313,13 @@ def _twin_process_of(arguments: RobotArguments) -> TwinProcess:
         raise ValueError(
             f"Robot: sim is a simulation of {twin_process.robot}. Give a simulation of {arguments.robot}"
         )
+    body = arguments.body_options(driver_class)
+    for key in driver_class.TWIN_OPTIONS:
+        if body.get(key) != twin_process.options.get(key):
+            raise ValueError(
+                f"Robot: {key} is {body.get(key)!r}, and {twin_process.options.get(key)!r} in the simulation. "
+                "Give both the same"
+            )
     return twin_process
 
 

@@ -72,10 +72,14 @@ class RobotArguments:
     names.
     """
 
+    def body_options(self, driver_class: type[Driver]) -> dict[str, Any]:
+        """Return the given options that describe the robot's body, which a simulation has as well."""
+        return {key: value for key, value in self.options.items() if key in driver_class.TWIN_OPTIONS}
+
     def hardware_keywords(self) -> dict[str, Any]:
         """Return the given arguments that only a real robot uses."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim}
-        own |= {"require_drill": self.drill_age_s, "at": self.host_address, "lifetime": self.lifetime_s}
+        own |= {"require_drill": self.drill_age_s, "at": self.host_address}
         return {key: value for key, value in own.items() if value is not None} | self.options
 
 

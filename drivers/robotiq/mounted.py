@@ -1,0 +1,145 @@
+"""A gripper on the flange of a simulated arm: its links in the arm's model, and its fingers in the arm's physics.
+
+The driver of the arm names these functions as text, since no driver imports another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from strands_actors.drivers.common.physics.jointed import Jointed
+from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
+from strands_actors.drivers.common.twin import Handler, answering
+
+from .body import CLOSED_RAD
+from .mechanism import Gripper, Setup
+from .protocol import TOP
+from .robots import TABLES, UNIT
+from .sessions import TcpSession
+from .unit import RobotiqTwin
+from .urcap import PORT as URCAP_PORT
+from .urcap import UrcapSession
+
+LINK = "gripper_base"
+"""The name of the gripper's base in the model of an arm, where ``base`` is the base of the arm."""
+
+MODBUS_PORT = 502
+
+MOTOR = "right_driver_joint"
+FOLLOWERS = ("left_driver_joint", "right_follower_joint", "left_follower_joint")
+"""The joints that the mechanics turn by the same angle as the motor's joint."""
+
+GRIP_NM = 8.0
+"""Torque of the motor's joint. At the finger tips it is a force of 150 N [assumed]; the 2F-85 has 20 to 235 N."""
+STIFFNESS_NM_RAD, DAMPING_NM_S_RAD = 60.0, 4.0
+INERTIA_KG_M2 = 0.01
+"""Gains of the motor, and the reflected inertia of each joint [assumed]."""
+STIFF = {"solref": [0.004, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
+"""How stiffly the mechanics couple the joints."""
+BLOCKED_COUNTS, STILL_RAD_S = 12.0, 0.02
+"""The fingers press an object if they are so far behind the motor, and slower than this."""
+
+
+def with_gripper(table: Mapping[str, Any], flange: str, gripper: str) -> dict[str, Any]:
+    """Return the table of an arm with the links of a gripper on its flange.
+
+    Args:
+        table: The table of the arm, with ``model_rows`` and ``looks``.
+        flange: The link of the arm that carries the gripper.
+        gripper: The name of the gripper.
+    """
+    own = TABLES.table(gripper)
+    base = own["base"]
+    rows = f"{LINK} {flange} - - {base['xyz']} 0 - - - {base['kg']} - {base['geom']}\n{own['model_rows']}"
+    return {
+        **table,
+        "model_rows": f"{table['model_rows']}\n{_on_link(rows, 1)}",
+        "looks": f"{table['looks']}\n{_on_link(own['looks'], 0)}",
+    }
+
+
+def tool_m(gripper: str) -> tuple[float, float, float]:
+    """Return the point between the finger tips of a gripper, in the frame of its link."""
+    x, y, z = TABLES.table(gripper)["tool_m"]
+    return x, y, z
+
+
+def _on_link(rows: str, column: int) -> str:
+    """Return rows in which the gripper's own base, in this column, has the name ``LINK``."""
+    lines = (line.split() for line in rows.splitlines() if line.strip())
+    return "\n".join(
+        " ".join(LINK if number == column and word == "base" else word for number, word in enumerate(words))
+        for words in lines
+    )
+
+
+def motorise(spec: Any) -> None:
+    """Give the fingers in the model of an arm their motor, and the mechanics that couple them."""
+    for name in (MOTOR, *FOLLOWERS):
+        spec.joint(name).armature = INERTIA_KG_M2
+    for name in FOLLOWERS:
+        spec.add_equality(
+            default=PLAIN.default,
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name=f"{name}_follows",
+            name1=name,
+            name2=MOTOR,
+            data=[0.0, 1.0, *[0.0] * 10],
+            **STIFF,
+        )
+    motor = spec.add_actuator(name=MOTOR, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=MOTOR)
+    motor.set_to_position(kp=STIFFNESS_NM_RAD, kv=DAMPING_NM_S_RAD)
+    motor.forcelimited = True
+    motor.forcerange = [-GRIP_NM, GRIP_NM]
+
+
+class PhysicalFingers:
+    """The fingers of a gripper in the physics of an arm. Positions are in register counts."""
+
+    def __init__(self, physics: Jointed) -> None:
+        self._physics = physics
+
+    @property
+    def position(self) -> float:
+        return float(self._physics.data.joint(MOTOR).qpos[0]) / CLOSED_RAD * TOP
+
+    def is_blocked(self, goal: float) -> bool:
+        """Return True if something keeps the fingers from closing further, with the motor at ``goal``."""
+        is_still = abs(float(self._physics.data.joint(MOTOR).qvel[0])) < STILL_RAD_S
+        return is_still and goal - self.position > BLOCKED_COUNTS
+
+    def follow(self, goal: float) -> None:
+        self._physics.data.actuator(MOTOR).ctrl[0] = goal / TOP * CLOSED_RAD
+
+
+class MountedGripper:
+    """A gripper on a simulated arm, with its Modbus gateway and the text port of its URCap.
+
+    Args:
+        gripper: The name of the gripper.
+        physics: The arm, whose model has the gripper (``with_gripper``, ``motorise``).
+    """
+
+    def __init__(self, gripper: str, physics: Jointed) -> None:
+        table = TABLES.table(gripper)
+        self._fingers = PhysicalFingers(physics)
+        self._twin = RobotiqTwin(Setup.from_table(table), UNIT, table, fingers=self._fingers)
+
+    @property
+    def handlers(self) -> dict[int, Handler]:
+        """Return the functions that serve the gripper's ports, by port."""
+        return {
+            MODBUS_PORT: answering(lambda: TcpSession(self._twin)),
+            URCAP_PORT: answering(lambda: UrcapSession(self._twin)),
+        }
+
+    def pass_time(self) -> None:
+        """Move the motor, up to the present time."""
+        gripper: Gripper = self._twin.gripper
+        gripper.pass_time()
+        self._fingers.follow(gripper.goal)
+
+
+__all__ = ["LINK", "MountedGripper", "motorise", "tool_m", "with_gripper"]

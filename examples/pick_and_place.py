@@ -1,0 +1,138 @@
+"""Let a Strands agent pick a cube up and put it down 10 cm to the left, in simulation.
+
+The agent uses two verbs only: ``get_pose`` and ``move_to``. Its model is a fixed script here, so that the example
+needs no network and no API key.
+
+pip install 'strands-actors[agent]'
+python examples/pick_and_place.py so101
+python examples/pick_and_place.py ur5e
+"""
+
+import contextlib
+import json
+import sys
+
+from strands import Agent
+from strands.models import Model
+
+from strands_actors import Robot
+
+LEFT_M, SPEED_M_S = 0.10, 0.6
+LIFETIME_S = 1.0
+"""Setpoints may be so late, since two simulations can keep a small computer busy."""
+DOWN = {"so101": {"rpy": [0, 90, 0]}, "ur5e": {"rpy": [180, 0, 90]}}
+"""The orientation with which each tool points down."""
+CUBES = {
+    "so101": {"position": [0.22, -0.05, 0.015], "size": [0.03, 0.03, 0.03], "mass": 0.03},
+    "ur5e": {"position": [-0.49, -0.13, 0.025], "size": [0.05, 0.05, 0.05], "mass": 0.2},
+}
+GRIPPERS = {"so101": ("so101", 40.0, 0.0), "ur5e": ("robotiq_2f85", 0.0, 1.0)}
+"""The robot that has the gripper of each arm, and the positions of the open and of the closed gripper."""
+
+
+@contextlib.contextmanager
+def robots(name):
+    """Give the robots that an agent needs: the arm, and its gripper if that is a robot of its own."""
+    with contextlib.ExitStack() as cleanup:
+        if name == "so101":
+            arm = cleanup.enter_context(Robot("so101", lifetime=LIFETIME_S))
+            tools = [arm]
+        else:
+            # The driver of a UR asks the operator before an agent moves it. A simulated one needs no approval.
+            arm = cleanup.enter_context(Robot("ur5e", gripper="robotiq_2f85", guarded=(), lifetime=LIFETIME_S))
+            arm.connect_eagerly()
+            # The simulated arm has its gripper at its own address, as a real one may.
+            address = arm.twin_process.port.partition(":")[0]
+            hand = cleanup.enter_context(Robot("robotiq_2f85", mode="real", port=address))
+            hand.connect_eagerly()
+            tools = [arm, hand]
+        arm.add_object("cube", "box", **CUBES[name])
+        yield tools
+
+
+def script_of(name):
+    """Return the calls of the agent: tool, and input."""
+    x, y, z = CUBES[name]["position"]
+    gripper, opened, closed = GRIPPERS[name]
+
+    def tool_at(left_m, above_m, **how):
+        return name, {
+            "action": "move_to",
+            "xyz": [x, y + left_m, z + above_m],
+            **DOWN[name],
+            "speed": SPEED_M_S,
+            **how,
+        }
+
+    def fingers_at(position):
+        return gripper, {"action": "move_to", "targets": {"gripper": position}, "seconds": 0.6}
+
+    return [
+        (name, {"action": "get_pose"}),
+        fingers_at(opened),
+        tool_at(0, 0.06, linear=False),
+        tool_at(0, 0.005),
+        fingers_at(closed),
+        tool_at(0, 0.06),
+        tool_at(LEFT_M, 0.06),
+        # A little higher than it was, so that the cube does not press on the floor.
+        tool_at(LEFT_M, 0.01),
+        fingers_at(opened),
+        tool_at(LEFT_M, 0.06),
+    ]
+
+
+class Scripted(Model):
+    """A stand-in for a language model. It sends each call of a script, and prints each result."""
+
+    def __init__(self, script):
+        self.script = iter(enumerate(script))
+        self.failures = []
+
+    def update_config(self, **config):
+        pass
+
+    def get_config(self):
+        return {}
+
+    def structured_output(self, *_, **__):
+        raise NotImplementedError
+
+    async def stream(self, messages, tool_specs=None, system_prompt=None, **_):
+        for result in (block["toolResult"] for block in messages[-1]["content"] if "toolResult" in block):
+            content = result["content"][0]
+            print(f"   {result['status']}: {content.get('text') or summary(content['json'])}")
+            if result["status"] != "success":
+                self.failures.append(content["text"])
+        number, call = next(self.script, (0, None))
+        yield {"messageStart": {"role": "assistant"}}
+        if call is None or self.failures:
+            yield {"contentBlockDelta": {"delta": {"text": "done"}}}
+            yield {"contentBlockStop": {}}
+            yield {"messageStop": {"stopReason": "end_turn"}}
+            return
+        tool, inputs = call
+        print(tool, json.dumps(inputs))
+        yield {"contentBlockStart": {"start": {"toolUse": {"name": tool, "toolUseId": f"use-{number}"}}}}
+        yield {"contentBlockDelta": {"delta": {"toolUse": {"input": json.dumps(inputs)}}}}
+        yield {"contentBlockStop": {}}
+        yield {"messageStop": {"stopReason": "tool_use"}}
+
+
+def summary(answer):
+    """Return the part of a tool's result that the example prints."""
+    pose = answer.get("measured_pose", answer)
+    return {"xyz": pose["xyz"]} if "xyz" in pose else {"position": answer.get("position")}
+
+
+def carry(name, tools):
+    """Let the agent carry the cube. Return the refusals of its calls."""
+    model = Scripted(script_of(name))
+    Agent(model=model, tools=tools, callback_handler=None)("Put the cube down 10 cm to the left.")
+    return model.failures
+
+
+if __name__ == "__main__":
+    robot = sys.argv[1] if len(sys.argv) > 1 else "so101"
+    with robots(robot) as made:
+        sys.exit(1 if carry(robot, made) else 0)
