@@ -29,6 +29,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.axis import Axis
+from strands_actors.contract.loading import load
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
@@ -58,6 +59,9 @@ _log = logging.getLogger("strands_actors")
 
 Action = dict[str, Any]
 Infer = Callable[[dict[str, float], str], Sequence[Action]]
+
+WITH_TOOL = "strands_actors.caller.poses.tool_actions:with_tool"
+"""Lets a policy give poses of the arm's tool."""
 
 ASK_S = 0.5
 ASK_EVERY_S = 0.01
@@ -403,6 +407,8 @@ class Policy(Actor):
         gets the number of remaining actions, the other gets the whole reading with velocities and sensors."""
         policy = self._make()
         infer = as_infer(policy)
+        if self._rollout.driver:
+            infer = load(WITH_TOOL)(infer, self._rollout.driver, bool(getattr(policy, "reads_pose", False)))
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
         return infer, getattr(policy, "actions_left", _ignore), getattr(policy, "set_reading", _ignore)
 

@@ -102,6 +102,8 @@ class Rollout(Message, frozen=True):
             0: it counts from the start.
         max_age_s: Largest age of the reading from which an action was computed, when the action is sent, in
             seconds. An older one is never sent, and ends the run. 0 for no limit.
+        driver: The description of the driver (``supervisors/loading``), for actions with a pose of the tool. Empty:
+            such actions are refused.
     """
 
     robot: str
@@ -116,6 +118,7 @@ class Rollout(Message, frozen=True):
     keeps: bool = False
     load_s: float = 0.0
     max_age_s: float = 0.0
+    driver: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
 START_TASK = "start_task"

@@ -15,19 +15,10 @@ from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, task, until, why
-from tests.trees import armed
+
+from .conftest import LIFETIME_S, READY
 
 LEFT_M = 0.05
-READY = {"shoulder_pan": 0.0, "shoulder_lift": -60.0, "elbow_flex": 60.0, "wrist_flex": 20.0, "wrist_roll": 0.0}
-"""Joint positions of an SO-101 from which its tool has room on all sides."""
-
-
-@pytest.fixture
-def ready(arm: RealRobot) -> RealRobot:
-    """Return the arm on the twin, in a pose with room around it."""
-    armed(arm)
-    json_of(arm.move_to(READY, seconds=1.5))
-    return arm
 
 
 def xyz(robot: Any) -> list[float]:
@@ -134,7 +125,7 @@ def test_an_arm_that_an_operator_guards_needs_the_approval_for_a_pose_too(ur: Re
 
 
 def test_a_robot_without_an_arm_has_no_pose_and_a_simulation_has_the_same() -> None:
-    sim = Robot("so101")
+    sim = Robot("so101", lifetime=LIFETIME_S)
     try:
         json_of(sim.move_to(READY, seconds=0.5))
         goal = beside(sim)

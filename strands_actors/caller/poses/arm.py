@@ -152,6 +152,15 @@ def turn_between(start: Array, end: Array) -> Array:
     return turn
 
 
+def rotated(quat: Array, turn: Array) -> Array:
+    """Return an orientation after a turn: a rotation vector in rad, along the axes of the base."""
+    about, result = np.zeros(4), np.zeros(4)
+    angle = float(np.linalg.norm(turn))
+    mujoco.mju_axisAngle2Quat(about, turn / angle if angle else np.array([1.0, 0.0, 0.0]), angle)
+    mujoco.mju_mulQuat(result, about, quat)
+    return result
+
+
 def between(start: Pose, end: Pose, share: float) -> Pose:
     """Return the pose at a share (0 to 1) of the way: along a line, and by a turn about one axis."""
     quat, local = start.quat.copy(), np.zeros(3)
@@ -167,4 +176,4 @@ def composed(first: Pose, second: Pose) -> Pose:
     return Pose(xyz, quat)
 
 
-__all__ = ["Arm", "Array", "Pair", "Pose", "Touch", "between", "composed", "turn_between"]
+__all__ = ["Arm", "Array", "Pair", "Pose", "Touch", "between", "composed", "rotated", "turn_between"]

@@ -53,6 +53,33 @@ def bad_box(number: int, box: object) -> Refused:
     return Refused(Code.BAD_POSE, reason, remedy, shown(box), verb=MOVE_TO)
 
 
+# -- the keys of an action
+
+
+def unknown_pose_key(key: str, known: Sequence[str]) -> Refused:
+    names = ", ".join(known)
+    return Refused(Code.BAD_POSE, f"{key} is no key of the tool's pose", f"give {names}", key, names)
+
+
+def joint_and_pose(joint: str) -> Refused:
+    reason = f"{joint} and a pose of the tool are both given"
+    return Refused(Code.BOTH, reason, "give the joints of the arm, or the pose")
+
+
+def part_of_a_pose(keys: Sequence[str]) -> Refused:
+    reason = "a part of the tool's pose is missing"
+    return Refused(Code.BAD_POSE, reason, f"give all of {', '.join(keys)}", limit=", ".join(keys))
+
+
+def cannot_follow(xyz: Sequence[float]) -> Refused:
+    reason = f"the tool cannot move on to xyz={_triple(xyz, 4)} in this posture of the arm"
+    return Refused(Code.OUT_OF_REACH, reason, "go another way, or move the joints")
+
+
+def would_touch(link: str, other: str) -> Refused:
+    return Refused(Code.COLLISION, f"{link} would touch {other}", "go another way, or move the joints")
+
+
 # -- the robot
 
 

@@ -24,6 +24,7 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
+from strands_actors.supervisors.loading import describe_driver, without_secrets
 from strands_actors.supervisors.root.messages import (
     START_TASK,
     GetTask,
@@ -231,7 +232,7 @@ class Rollouts:
             refusal = await self._writer.acquire()
             if refusal is not None:
                 return refusal
-            rollout = self._rollout(verb, math.inf, motion.n_steps, 1.0 / motion.period_s)
+            rollout = replace(self._rollout(verb, math.inf, motion.n_steps, 1.0 / motion.period_s), driver={})
             keeps = motion.keeps and self._driver.timing.oneshot_ttl_s is None
             self._begin(replace(rollout, keeps=keeps), lambda: Steps(motion))
             return motion
@@ -261,7 +262,20 @@ class Rollouts:
         robot = self._processes.robot
         # If the number of steps is given, it alone limits the rollout.
         longest_s = math.inf if n_steps else duration_s
-        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
+        plan = self._processes.plan
+        description = describe_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        return Rollout(
+            robot,
+            driver.axes,
+            instruction,
+            period_s,
+            ttl_s,
+            longest_s,
+            n_steps,
+            over,
+            driver.table,
+            driver=without_secrets(description, plan.driver_class),
+        )
 
     async def task(self) -> TaskStatus:
         """Return the status of the present rollout (policy or motion), or of the last one."""
