@@ -17,7 +17,7 @@ import termios
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import trio
@@ -26,6 +26,7 @@ from strands_actors.caller.handle.stop_lines import stop_by_name
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load
+from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
@@ -46,6 +47,7 @@ from strands_actors.supervisors.gate.messages import (
     Status,
     Stop,
 )
+from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.root.messages import (
     EpisodeKey,
     EpisodeState,
@@ -60,6 +62,9 @@ from strands_actors.supervisors.root.tasks import Tasks
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
 from .page.server import Page, write_address
 from .sources import Arm, LeaderObject, Operator, Reading, Source, made_of
+
+if TYPE_CHECKING:
+    from strands_actors.caller.poses.tool_targets import ToolTargets
 
 ASK_S = 0.1
 LIFETIME_NS = 100_000_000
@@ -101,6 +106,7 @@ class Teleoperation(Actor):
         kind: The meaning of the leader's numbers (``Kind``).
         deadman: What a person holds while the robot may move: ``KEY`` or ``GRIPPER``.
         max_speed: Highest speed in degrees per second.
+        has_tool: True if the robot has an arm with a tool that an operator can jog.
         map_fn: ``module:function`` that converts the leader's values to the robot's; empty for no
             conversion.
     """
@@ -115,8 +121,11 @@ class Teleoperation(Actor):
         deadman: str,
         max_speed: float = math.inf,
         map_fn: str = "",
+        has_tool: bool = False,
     ) -> None:
         self._rollout = rollout
+        self._tool_keys = POSE_KEYS if has_tool else ()
+        self._tool: ToolTargets | None = None
         self._report = report
         self._source_settings = source
         self._axes = tuple(msgspec.convert(axis, Axis) for axis in axes)
@@ -143,9 +152,11 @@ class Teleoperation(Actor):
         robot_addresses = addresses.of(self._rollout.robot)
         self._gate = context.ref(robot_addresses.gate, Gate)
         self._tasks = context.ref(robot_addresses.tasks, Tasks)
-        self._operator = Operator(tuple(axis.key for axis in self._axes), context.clock)
+        self._operator = Operator((*(axis.key for axis in self._axes), *self._tool_keys), context.clock)
         self._began_ns = context.clock.now_ns()
         context.start_soon(self._lead)
+        if self._tool_keys:
+            context.start_soon(self._ready_tool)
         context.start_soon(self._write)
         context.start_soon(self._look)
         context.start_soon(self._ask_robot)
@@ -163,6 +174,11 @@ class Teleoperation(Actor):
             case GetTask():
                 return self._status()
         return None
+
+    async def _ready_tool(self) -> None:
+        """Build the model of the arm. Meanwhile, for some tenths of a second, the operator can jog the joints."""
+        self._tool = await trio.to_thread.run_sync(_tool_of, self._rollout.driver, abandon_on_cancel=True)
+        self._machine.tool = self._tool
 
     # -- reading
 
@@ -209,8 +225,10 @@ class Teleoperation(Actor):
 
     async def _serve(self, settings: Mapping[str, Any]) -> None:
         axes = [axis.key for axis in self._axes]
-        title = self._rollout.instruction
-        page = Page(self.context.clock, self._operator.take, self._press, self._stop, self._shown, axes, title)
+        title, tool = self._rollout.instruction, list(self._tool_keys)
+        page = Page(
+            self.context.clock, self._operator.take, self._press, self._stop, self._shown, axes, tool, title
+        )
         try:
             await page.serve(
                 settings["host"], settings["port"], partial(write_address, Path(settings["address_file"]))
@@ -245,7 +263,10 @@ class Teleoperation(Actor):
         """Return the data that the operator's page shows: the state, the robot's last target, and the recorder's
         state.
         """
-        shown = {"state": str(self._machine.state), "why": self._machine.reason, "position": self._position}
+        position = self._position
+        if self._tool is not None and position:
+            position = {**position, **self._tool.pose(position)}
+        shown = {"state": str(self._machine.state), "why": self._machine.reason, "position": position}
         if self._episode_ns and self.context.clock.now_ns() - self._episode_ns < RECORDER_S * NS:
             shown["episode"] = msgspec.structs.asdict(self._episode)
         return shown
@@ -494,6 +515,13 @@ def _teleop_json(machine: Machine, newest: Frame, leader: str, now_ns: int) -> d
         "differs": {key: round(value, 1) for key, value in machine.differs.items()},
         "at_end": list(machine.limited_axes),
     }
+
+
+def _tool_of(description: dict[str, Any]) -> ToolTargets:
+    # MuJoCo and numpy are imported only here, since most leaders do not need them.
+    from strands_actors.caller.poses.tool_targets import ToolTargets
+
+    return ToolTargets(load_driver(description))
 
 
 def _text(answer: Message | None) -> str:

@@ -15,10 +15,12 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from strands_actors.contract.axis import Axis, AxisMode, finite
+from strands_actors.contract.pose_keys import POSE_KEYS, POSITION_KEYS
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 ALIGN_DEG = 15.0
 """If a joint of robot and leader differs by more, the robot is not engaged, since its motion would surprise
@@ -31,6 +33,9 @@ JOG_SHARE_S = 0.1
 """Speed of an axis that is jogged at full rate, as a share of its range per second."""
 JOG_UNBOUNDED = 0.1
 """Speed of a jogged axis without a range, in units per second, such as a slide of a user's model."""
+JOG_M_S = 0.1
+JOG_RAD_S = math.radians(APPROACH_DEG_S)
+"""Speed and turning speed of the tool that is jogged at full rate."""
 LONGEST_STEP_S = 0.05
 """A jogged target moves on for at most this time at once, even after a longer pause between frames."""
 TOLERANCE = 1.5
@@ -61,13 +66,23 @@ class Kind(enum.StrEnum):
     JOG = "jog"  # the speed of each axis, as a share of its jog speed (-1 to 1)
 
 
+class Tool(Protocol):
+    """The tool of the robot's arm (``caller/poses/tool_targets``)."""
+
+    def moved(
+        self, before: Mapping[str, float], velocity: Mapping[str, float], passed_s: float
+    ) -> dict[str, float] | Refused:
+        """Return the joint targets after a motion of the tool at a constant velocity, in m/s and rad/s."""
+        ...
+
+
 class Frame(NamedTuple):
     """One reading of a leader, in the robot's axes and units.
 
     Attributes:
         t_ns: Time of the measurement.
         held: True if the dead-man is held.
-        values: Values by axis.
+        values: Values by axis. For ``Kind.JOG`` also rates of the tool, by the keys of its pose.
         let_go: True if the operator has reported the release of the dead-man. False if the operator was only
             silent. None if the source cannot distinguish the two; then a dead-man that is not held counts as
             released.
@@ -108,6 +123,9 @@ class Machine:
         kind: The kind of the leader's numbers.
         max_speed: Highest speed in degrees per second. The speed limit of each axis holds as well.
     """
+
+    tool: Tool | None = None
+    """The tool that an operator can jog; None if there is none, or if it is not ready yet."""
 
     def __init__(self, axes: Sequence[Axis], kind: Kind, max_speed: float = math.inf) -> None:
         self._axes = {axis.key: axis for axis in axes}
@@ -159,11 +177,12 @@ class Machine:
             The actions that follow. If the robot could not be engaged, ``state`` is idle and ``reason`` is set.
         """
         self._may_engage = False
-        unknown = [str(key) for key in frame.values if key not in self._axes]
-        if unknown or not frame.values:
+        values = _of_axes(frame)
+        unknown = [str(key) for key in values if key not in self._axes]
+        if unknown or not values:
             names = ", ".join(self._axes)
             return self.idle(f"the leader has {', '.join(unknown) or 'no axis'}, the robot has {names}: use map_fn")
-        self._target = {key: follower[key] for key in frame.values}
+        self._target = {key: follower[key] for key in values}
         self._offset = {}
         self._sent_ns = now_ns
         if wrong := self._wrong(frame):
@@ -222,7 +241,7 @@ class Machine:
 
     def _wrong(self, frame: Frame) -> str:
         """Return why a frame of the leader cannot be used; empty if it can."""
-        if frame.values.keys() != self._target.keys():
+        if _of_axes(frame).keys() != self._target.keys():
             return f"the leader tells of {', '.join(frame.values)}, it told of {', '.join(self._target)}"
         return next(
             (f"the leader's {key} is {value}" for key, value in frame.values.items() if finite(value) is None), ""
@@ -245,14 +264,30 @@ class Machine:
 
     def _jogged(self, frame: Frame, passed_s: float) -> dict[str, float]:
         targets = {}
-        for key, rate in frame.values.items():
+        for key, rate in _of_axes(frame).items():
             axis, rate = self._axes[key], max(-1.0, min(1.0, rate))
             if axis.mode is AxisMode.VELOCITY:
                 targets[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
             else:
                 targets[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
-        within, self.limited_axes = self._within(targets)
+        within, self.limited_axes = self._within({**targets, **self._jogged_tool(frame, passed_s)})
         return within
+
+    def _jogged_tool(self, frame: Frame, passed_s: float) -> dict[str, float]:
+        """Return the joint targets that move the tool on. Near a singularity the tool moves more slowly."""
+        rates = {key: max(-1.0, min(1.0, frame.values.get(key, 0.0))) for key in POSE_KEYS}
+        self.reason = ""
+        if self.tool is None or not any(rates.values()):
+            return {}
+        velocity = {key: rate * (JOG_M_S if key in POSITION_KEYS else JOG_RAD_S) for key, rate in rates.items()}
+        moved = self.tool.moved(self._target, velocity, passed_s)
+        if isinstance(moved, Refused):
+            self.reason = moved.text
+            return {}
+        steps = {key: value - self._target[key] for key, value in moved.items()}
+        most = {key: self._jog_speed(self._axes[key]) * passed_s for key in steps}
+        share = min([1.0, *(most[key] / abs(step) for key, step in steps.items() if abs(step) > most[key])])
+        return {key: self._target[key] + share * step for key, step in steps.items()}
 
     def _jog_speed(self, axis: Axis) -> float:
         span = axis.high - axis.low
@@ -294,6 +329,11 @@ class Machine:
         self._before = self._target, self._sent_ns
         self._target, self._sent_ns = target, now_ns
         return Step(target)
+
+
+def _of_axes(frame: Frame) -> dict[str, float]:
+    """Return the values of the robot's axes, without the rates of its tool."""
+    return {key: value for key, value in frame.values.items() if key not in POSE_KEYS}
 
 
 class Squeezes:

@@ -17,6 +17,7 @@ from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.contract.shown import closest
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.root.messages import Operate
@@ -33,6 +34,9 @@ FOR_EVER_S = 1e9
 DEADMEN = (KEY, GRIPPER)
 MOST_RATE = 1.01
 """Greatest accepted rate. A stick may report a little more than 1 (-32768 of 32767), which counts as 1."""
+
+
+_TOOL_KEYWORDS = {key.replace(".", "_"): key for key in POSE_KEYS}
 
 
 def attach(
@@ -77,6 +81,7 @@ def attach(
             "kind": str(leader.kind),
             "deadman": chosen,
             "map_fn": place,
+            "has_tool": leader.kind is Kind.JOG and driver.arm_model({}) is not None,
             **speed,
         }
         instruction, first = f"teleoperation by {leader.name}", first_status(driver.table, leader.kind)
@@ -140,8 +145,10 @@ def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb |
 
 def _rates(driver: Driver, rates: Mapping[str, object]) -> dict[str, float] | Refused:
     checked: dict[str, float] = {}
-    for key, rate in rates.items():
-        if key not in driver.axes:
+    for name, rate in rates.items():
+        # A keyword has no dot: ``ee_x`` is ``ee.x``.
+        key = _TOOL_KEYWORDS.get(name, name)
+        if key not in driver.axes and (key not in POSE_KEYS or driver.arm_model({}) is None):
             closest_key = next(iter(closest(key, driver.axes)), None)
             return refusals.unknown_axis(key, closest_key, driver.robot, ", ".join(driver.axes))
         number = finite(as_python(rate))

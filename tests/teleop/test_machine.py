@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.caller.poses import refusals
 from strands_actors.contract.axis import Axis, AxisMode
+from strands_actors.kernel.messages import Refused
 from strands_actors.teleoperation.machine import (
     ALIGN_DEG,
     APPROACH_DEG_S,
+    JOG_M_S,
     SILENT_NS,
     TOLERANCE,
     Frame,
@@ -261,6 +265,38 @@ def test_a_jogged_axis_without_a_range_moves_at_its_rate_and_not_without() -> No
     machine.engage(Frame(1, True, {"x": 0.0}), {"x": 0.5}, 0)
     assert machine.step(Frame(2, True, {"x": 0.0}), 10 * MS).target == {"x": 0.5}
     assert machine.step(Frame(3, True, {"x": 1.0}), 20 * MS).target == {"x": pytest.approx(0.501)}
+
+
+class Slide:
+    """A tool that moves with the joint ``pan``, 100 degrees for each metre, up to 50 degrees."""
+
+    def moved(
+        self, before: Mapping[str, float], velocity: Mapping[str, float], passed_s: float
+    ) -> dict[str, float] | Refused:
+        pan = before["pan"] + 100.0 * velocity["ee.x"] * passed_s
+        return {"pan": pan} if pan <= 50 else refusals.cannot_follow((0.0, 0.0, 0.0))
+
+
+def test_a_jogged_tool_moves_its_joints_no_faster_than_a_jogged_joint() -> None:
+    machine = Machine(AXES, Kind.JOG)
+    still = {"pan": 0.0}
+    machine.step(Frame(0, False, still), 0)
+    machine.engage(Frame(1, True, still), AT_REST, 0)
+    to_left = {**still, "ee.x": 1.0}
+    assert machine.step(Frame(2, True, to_left), 10 * MS).target == still, "its model is not ready"
+    machine.tool = Slide()
+    target = machine.step(Frame(3, True, to_left), 20 * MS).target
+    assert target == {"pan": pytest.approx(100.0 * JOG_M_S * 0.01)}
+    quick = Machine(AXES, Kind.JOG, max_speed=5.0)
+    quick.tool = machine.tool
+    quick.step(Frame(0, False, still), 0)
+    quick.engage(Frame(1, True, still), AT_REST, 0)
+    assert quick.step(Frame(2, True, to_left), 10 * MS).target == {"pan": pytest.approx(0.05)}
+    machine.engage(Frame(4, True, to_left), {**AT_REST, "pan": 49.95}, 30 * MS)
+    assert machine.step(Frame(5, True, to_left), 40 * MS).target == {"pan": 49.95}
+    assert "the tool cannot move on" in machine.reason
+    machine.step(Frame(6, True, still), 50 * MS)
+    assert machine.reason == ""
 
 
 FRAMES = st.lists(

@@ -192,7 +192,8 @@ const html = require("fs").readFileSync(process.argv[1], "utf-8")
 const start = html.indexOf("const DEAD_ZONE"), end = html.indexOf("let socket, open")
 let focused = true
 const document = {hasFocus: () => focused}
-const element = () => ({textContent: ""}), told = {axes: ["a", "b"]}, buttons = {start() {}, discard() {}}
+const told = {axes: ["a", "b"], tool: ["ee.x"]}
+const element = () => ({textContent: ""}), buttons = {start() {}, discard() {}}
 const pad = {connected: true, id: "pad", index: 0, axes: [1, 0, 0, 0], buttons: Array(16).fill({pressed: false})}
 const shoulder = pressed => { pad.buttons[4] = {pressed} }
 const navigator = {getGamepads: () => [null, pad]}
@@ -206,6 +207,21 @@ for (const [focus, held] of [[true, true], [false, true], [true, true], [true, f
 }
 console.log(JSON.stringify(seen))
 """
+
+
+BACK = """
+pad.axes = [0.5, 1, 0, -1]
+shoulder(true)
+pad.buttons[8] = {pressed: true}
+console.log(JSON.stringify([pads(), pads(), (pad.buttons[8] = {pressed: false}, pads())]))
+"""
+
+
+@pytest.mark.needs("Node.js")
+def test_back_on_a_gamepad_lets_its_sticks_move_the_tool() -> None:
+    *_, printed = run_on_page(PADS + BACK).splitlines()
+    moved = {"ee.x": -1, "ee.y": -0.5, "ee.z": 1, "ee.wx": 0, "ee.wy": 0, "ee.wz": 0, "b": 0}
+    assert json.loads(printed) == [moved] * 3, "a held button counts once"
 
 
 @pytest.mark.needs("Node.js")

@@ -56,7 +56,7 @@ async def served(
         return await stop()
 
     serving = server.Page(
-        MonotonicClock(), received.append, lambda *_: None, count_stop, lambda: {"state": "idle"}, ["a"], "t"
+        MonotonicClock(), received.append, lambda *_: None, count_stop, lambda: {"state": "idle"}, ["a"], [], "t"
     )
     async with trio.open_nursery() as nursery:
         tell, addresses = trio.open_memory_channel[str](1)

@@ -72,6 +72,19 @@ def test_rates_lead_a_simulation(sim: SimRobot) -> None:
     )
 
 
+def test_rates_lead_the_tool_of_a_simulation_straight_up(sim: SimRobot) -> None:
+    json_of(sim.attach_teleop(Teleoperator("keyboard")))
+
+    def tool() -> list[float]:
+        place: list[float] = json_of(sim.get_pose())["xyz"]
+        return place
+
+    x, y, z = tool()
+    until(lambda: led(sim, lambda: tool()[2] > z + 0.02, ee_z=1.0), "it goes", 60.0)
+    assert tool()[:2] == pytest.approx([x, y], abs=0.01)
+    assert "'ee_q' is no axis of so101" in why(sim.operate(held=True, ee_q=1.0))
+
+
 def test_a_leader_with_a_gripper_needs_an_option_for_a_key_as_dead_man(sim: SimRobot) -> None:
     with Teleoperator("so101_leader", transport="twin") as leader:
         assert "no teleoperation runs" in why(sim.operate(held=True))

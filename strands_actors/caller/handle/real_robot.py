@@ -909,7 +909,9 @@ class RealRobot(RobotTool):
 
         Args:
             held: True while the operator holds the dead-man switch.
-            rates: For a ``keyboard``, the speed of each axis as a share of its full rate, -1 to 1.
+            rates: For a ``keyboard``, the speed of each axis as a share of its full rate, -1 to 1. The tool of an
+                arm has the rates ``ee_x``, ``ee_y``, ``ee_z`` (0.1 m/s at 1) and ``ee_wx``, ``ee_wy``, ``ee_wz``
+                (30 degrees/s at 1), along and about the axes of the arm's base.
 
         Returns:
             Key: ``held``. A wrong input is refused and moves nothing. ``held=False`` takes effect even if

@@ -15,6 +15,7 @@ from typing import Any
 from strands_actors.caller.handle.envelopes import warn_unless_safe
 from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.contract.loading import load
+from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.teleoperation.actor import CONNECTED, CONNECTING, KEY
 from strands_actors.teleoperation.keys import Keys
 from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, PHONE, Teleoperator
@@ -77,7 +78,7 @@ def teleop(
         begun = arm.attach_teleop(led_by, hz, mapped, deadman, max_speed, seconds)
         if begun["status"] != "success":
             raise Problem(begun["content"][0]["text"])
-        axes = arm.driver.axes if led_by.name == KEYBOARD else ()
+        axes = _jogged(arm) if led_by.name == KEYBOARD else ()
         keys = Keys(axes) if is_terminal and (led_by.name == KEYBOARD or deadman == KEY) else None
         if led_by.name in PAGES:
             print(_page(arm, led_by), file=sys.stderr, flush=True)
@@ -91,6 +92,12 @@ def teleop(
         if is_lost(status):
             print(f"the leader is not connected: {status['teleop']['leader']}", file=sys.stderr)
     return 0 if status["exit_reason"] in ("stopped", "duration") and not is_lost(status) else 1
+
+
+def _jogged(arm: RealRobot) -> tuple[str, ...]:
+    """Return the names that get keys: the axes of the robot, and the directions of its tool."""
+    has_tool = arm.driver.arm_model({}) is not None
+    return (*arm.driver.axes, *(POSE_KEYS if has_tool else ()))
 
 
 def is_lost(status: dict[str, Any]) -> bool:

@@ -86,6 +86,7 @@ class Page:
         stop: Function that stops the robot, and returns the result as text.
         status: Function that returns the data that the page shows.
         axes: Names of the axes that can be moved.
+        tool: Names of the directions in which the tool can be moved, and of its turns.
         title: Title of the page.
     """
 
@@ -97,6 +98,7 @@ class Page:
         stop: Callable[[], Awaitable[str]],
         status: Callable[[], dict[str, Any]],
         axes: list[str],
+        tool: list[str],
         title: str,
     ) -> None:
         self._clock = clock
@@ -108,6 +110,7 @@ class Page:
         self._stopped_ns = 0
         self._status = status
         self._axes = axes
+        self._tool = tool
         self._title = title
         self._token = secrets.token_urlsafe(24)
         self._hosts: frozenset[str] = frozenset()
@@ -158,7 +161,9 @@ class Page:
             return
         nonce = secrets.token_urlsafe(12)
         page = resources.files(__package__).joinpath("page.html").read_text("utf-8")
-        page_data = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
+        page_data = json.dumps({"axes": self._axes, "tool": self._tool, "title": self._title}).replace(
+            "<", "\\u003c"
+        )
         body = page.replace("NONCE", nonce).replace("/*TOLD*/null", page_data).encode()
         policy = (
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
