@@ -66,6 +66,8 @@ PEERS = {
         ("lerobot==0.4.4",),
         "scservo_sdk, deepdiff",
     ),
+    # Inverse kinematics. mink needs a solver of quadratic programs, and daqp is the one that it recommends.
+    "poses": Peer("3.11", ("pin==4.1.0", "ikpy==4.2.1", "mink==1.3.0", "daqp"), (), "pinocchio, ikpy, mink, daqp"),
     # Unitree's SDK requires this release. 3.10 is the newest Python for which there are wheels of it.
     "cyclonedds": Peer("3.10", ("cyclonedds==0.10.2",), (), "cyclonedds.idl"),
     # cflib is under the GPL, so it is only installed in this environment.

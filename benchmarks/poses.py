@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
-from .house import Goal, Question, side_of
+import tempfile
+from pathlib import Path
 
+from . import peers
+from .house import Figures, Goal, Question, Side, beside, side_of
+
+LIBRARIES = ("pinocchio", "mink", "ikpy")
 ROBOTS = ("ur5e", "panda", "xarm7", "kinova_gen3", "kuka_iiwa", "so101")
+
+PEER_S = 400.0
+"""Longest time of one library for all poses, on a busy computer."""
+
+
+def library(name: str) -> Side:
+    """Return the side of another library, which gets the same arms and poses as ours."""
+
+    def side(short: bool) -> Figures:
+        python, length = peers.python("poses"), ["short"] if short else []
+        with tempfile.TemporaryDirectory() as folder:
+            file = str(Path(folder) / "goals.json")
+            beside("benchmarks.sides.poses", "goals", file, *length)
+            return beside("benchmarks.sides.poses_peers", name, file, python=python, timeout_s=PEER_S)
+
+    return side
+
 
 QUESTION = Question(
     name="poses",
     title="How long does a plan to a pose take, and how exact is it?",
-    sides={"ours": side_of("poses", "ours")},
+    sides={"ours": side_of("poses", "ours"), **{name: library(name) for name in LIBRARIES}},
     goals=tuple(
         goal
         for robot in ROBOTS
@@ -31,6 +53,14 @@ and turn between a requested and a planned pose. The poses of so101 are poses of
 largest distance of a planned setpoint from a straight line, of 40 lines of 10 cm. `refused` is the share of 40
 poses outside the reach that are refused. Most of the time is spent in numpy: one step of a search takes 60 to
 100 µs, and most searches end after 10 steps. The longest plans are those whose first starts lead to no
-solution.""",
+solution.
+
+The other libraries got the same arms, poses, start and tolerances (`benchmarks/sides/poses_peers.py`). None of them
+starts anew by itself, so our program starts them at random positions until a pose is found: for pinocchio its
+documented loop of damped least squares, for mink a frame task with the limits of the joints (daqp), for ikpy its
+least squares over the whole orientation (30 poses of each arm, since it is slow). They only solve: our time also
+includes the check of the arm's contacts at the pose and on the way, and which whole turns of a joint are nearest.
+Their figures are of these loops, and a program that uses them in another way may be faster. franky is not
+compared, since it moves only a connected Franka.""",
     rounds=3,
 )

@@ -1,8 +1,14 @@
-"""Measure plans of motions to a pose: ``python -m benchmarks.sides.poses ours [short]``. Nothing moves."""
+"""Measure plans of motions to a pose: ``python -m benchmarks.sides.poses ours [short]``. Nothing moves.
+
+``python -m benchmarks.sides.poses goals FILE [short]`` writes the arms and the poses, for other libraries.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +23,7 @@ from strands_actors.caller.poses.timing import limits_of
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
+from strands_actors.drivers.common.kinematics.urdf import urdf_of
 from strands_actors.kernel.messages import Refused
 
 from .common import answer
@@ -47,6 +54,43 @@ def free_poses(arm: Arm, count: int) -> list[Any]:
     rows = (generator.uniform(low, high) for _ in range(100 * count))
     free = (rad for rad in rows if arm.touch(rad) is None)
     return [next(free) for _ in range(count)]
+
+
+def goals_of(robot: str, short: bool) -> dict[str, Any]:
+    """Return the arm as URDF and MJCF with a link ``tool``, and the poses, for a library without this package."""
+    driver = driver_of(robot)
+    model = driver.arm_model({})
+    assert model is not None, robot
+    arm = Arm(model, *limits_of(driver, model))
+    low, high = arm.searched()
+    limits = {joint: f"{least},{most}" for joint, least, most in zip(model.joints, low, high, strict=True)}
+    rows, parents = [], {}
+    for line in str(model.table["model_rows"]).splitlines():
+        if line.strip():
+            body, parent, joint, axis, xyz, turn, _, effort, velocity, kg, com, geom = line.split()
+            own = joint if joint in limits else "-"
+            row = (body, parent, own, axis, xyz, turn, limits.get(own, "-"), effort, velocity, kg, com, geom)
+            rows.append(" ".join(row))
+            parents[body] = parent, own
+    place, quat = (",".join(map(str, values)) for values in (model.tool_xyz, model.tool_quat))
+    rows.append(f"tool {model.link} - - {place} q:{quat} - - - .01 - -")
+    path, link = ["tool", "tool_mount", model.link], model.link
+    while link in parents:
+        parent, joint = parents[link]
+        path += [joint if joint != "-" else f"{link}_mount", parent]
+        link = parent
+    spec = load(model.builder)({**model.table, "model_rows": "\n".join(rows)})
+    spec.compile()
+    poses = [arm.pose(rad) for rad in free_poses(arm, POSES // 10 if short else POSES)]
+    return {
+        "urdf": urdf_of(robot, "\n".join(rows)),
+        "mjcf": spec.to_xml(),
+        "path": path[::-1],
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "home": arm.home.tolist(),
+        "goals": [{"xyz": pose.xyz.tolist(), "quat": pose.quat.tolist()} for pose in poses],
+    }
 
 
 def figures_of(robot: str, short: bool) -> Figures:
@@ -105,5 +149,9 @@ def ours(short: bool) -> Figures:
     return figures
 
 
-if __name__ == "__main__":
+if __name__ == "__main__" and sys.argv[1:2] == ["goals"]:
+    arms = {robot: goals_of(robot, "short" in sys.argv) for robot in ROBOTS}
+    Path(sys.argv[2]).write_text(json.dumps(arms))
+    answer({"goals": lambda short: {"arms": len(arms)}})
+elif __name__ == "__main__":
     answer({"ours": ours})
