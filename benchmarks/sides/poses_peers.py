@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-
 STARTS, STEPS = 40, 100
 NEAR_M, NEAR_RAD = 1e-5, 1e-4
 """A search ends at this distance, as ours does."""

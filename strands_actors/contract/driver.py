@@ -503,16 +503,6 @@ class Driver(ABC):
         channel: StopChannel = load(self.STOP_CHANNEL)(self.config, descriptors, clock)
         return channel
 
-    def tool_m(self, values: Mapping[str, float]) -> tuple[float, float, float] | None:
-        """Return where the tool is, in metres from the robot's base, by the robot's model.
-
-        Return None if the model is not known, or if a joint has no value.
-
-        Args:
-            values: The position of each axis, in the driver's unit.
-        """
-        return None
-
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Return numbers in axis order as a mapping with the axes' public keys."""
         return dict(zip(self.axes, values, strict=True))

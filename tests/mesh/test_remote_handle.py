@@ -84,6 +84,9 @@ def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
     assert commanded["commanded"] == {"wrist_roll": pytest.approx(seen["wrist_roll"] + 5.0, abs=0.2)}
     until(lambda: bool(twin.log.host("setpoint", began_ns)), "it is on the wire")
     assert "elbow" in why(there.send_action({"elbow": 1.0}))
+    x, y, z = json_of(there.get_pose())["xyz"]
+    assert json_of(there.move_to(xyz=(x, y, z)))["pose"]["xyz"] == pytest.approx([x, y, z], abs=1e-3)
+    assert "out of reach" in why(there.move_to(xyz=(2.0, 0.0, 0.0)))
     assert "(operator.caller." in why(here.send_action({"wrist_roll": 0.0})), "one writer at a time"
     assert there.is_connected
     assert pids(there).keys() >= {"root", "wire"}

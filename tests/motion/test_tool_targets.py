@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,15 @@ from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.caller.poses.tool_actions import NoTool, with_tool
 from strands_actors.caller.poses.tool_targets import ToolTargets
 from strands_actors.contract.pose_keys import GRIPPER_KEY, POSE_KEYS, TURN_KEYS
+from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.loading import describe_driver
 from tests.answers import json_of, task, until
 
 from .arms import ROBOTS, desk, driver_of
 
-STEP_M = 0.004
+STEP_M, FINGER_M = 0.004, 0.025
+SERVO_ARMS = ("so100", "koch")
 
 
 class Stand:
@@ -39,7 +42,7 @@ class Stand:
         return targets
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", (*ROBOTS, *SERVO_ARMS))
 def test_an_action_with_a_pose_becomes_joint_targets_that_reach_it(robot: str) -> None:
     stand = Stand(robot)
     targets = stand.after(x=STEP_M, z=-STEP_M)
@@ -47,6 +50,23 @@ def test_an_action_with_a_pose_becomes_joint_targets_that_reach_it(robot: str) -
     reached = stand.tool.pose({**stand.positions, **targets})
     assert reached["ee.x"] == pytest.approx(stand.pose["ee.x"] + STEP_M, abs=1e-4)
     assert reached["ee.z"] == pytest.approx(stand.pose["ee.z"] - STEP_M, abs=1e-4)
+
+
+@pytest.mark.parametrize("robot", ("so101", *SERVO_ARMS))
+def test_the_tool_of_an_arm_on_servos_is_between_its_fingers(robot: str) -> None:
+    """The chain, with which such an arm is lowered, ends at the tip of the moving finger."""
+    stand = Stand(robot)
+    driver = stand.driver
+    closed = {**stand.positions, "gripper": 0.0}
+    rad = [
+        (closed[axis] - zero) / scale for axis, (zero, scale) in zip(driver.axes, driver.model_units(), strict=True)
+    ]
+    model = driver.arm_model({})
+    assert model is not None
+    tip, tool = Chain(model.table, driver.axes).points(rad)[-1], stand.tool.place(closed)
+    assert tool is not None
+    assert math.dist(tip, tool) < FINGER_M
+    assert stand.tool.place({**closed, "elbow_flex": math.nan}) is None
 
 
 def test_a_turn_is_a_rotation_vector_about_the_axes_of_the_base() -> None:

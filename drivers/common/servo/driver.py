@@ -6,7 +6,6 @@ from __future__ import annotations
 import importlib
 import shlex
 from collections.abc import Mapping
-from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -29,7 +28,6 @@ from strands_actors.contract.tool_verbs import (
     STOP,
     ToolVerb,
 )
-from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.drivers.common.kit import calibration as lerobot
 from strands_actors.drivers.common.kit.refusals import MotorCode
 from strands_actors.drivers.common.kit.robot_tables import RobotTables
@@ -239,19 +237,6 @@ class ServoDriver(Driver):
     @classmethod
     def is_lowered(cls, robot: str) -> bool:
         return bool(cls.TABLES.table(robot).get("lowers"))
-
-    def tool_m(self, values: Mapping[str, float]) -> tuple[float, float, float] | None:
-        chain = self._chain
-        if chain is None or not all(axis.key in values for axis in self.joints):
-            return None
-        counts = (axis.zero + axis.scale * values[axis.key] for axis in self.joints)
-        return chain.points([(count - MIDDLE) / COUNTS_PER_RADIAN for count in counts])[-1]
-
-    @cached_property
-    def _chain(self) -> Chain | None:
-        if not self.is_lowered(self.robot):
-            return None
-        return Chain(self.TABLES.robots[self.robot], [axis.key for axis in self.joints])
 
     @classmethod
     def rest_file(cls, robot: str, robot_id: str) -> Path:

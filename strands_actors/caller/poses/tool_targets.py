@@ -6,6 +6,7 @@ it, so the arm keeps its posture. The gates check the speed of the joints, as of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -54,6 +55,15 @@ class ToolTargets:
         if self._gripper is not None:
             result[GRIPPER_KEY] = positions[self._gripper]
         return result
+
+    def place(self, positions: Mapping[str, float]) -> tuple[float, float, float] | None:
+        """Return the position of the tool in m; None if a joint has no position."""
+        if not all(math.isfinite(positions.get(joint, math.nan)) for joint in self._joints):
+            return None
+        x, y, z = self._arm.pose(
+            self._rad({axis: positions.get(axis, math.nan) for axis in self._axes})
+        ).xyz.tolist()
+        return x, y, z
 
     def targets(self, action: Mapping[str, Any], before: Mapping[str, float]) -> dict[str, Any] | Refused:
         """Return the action with joint targets in place of the keys of a pose.

@@ -18,6 +18,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller.poses.tool_targets import ToolTargets
 from strands_actors.caller.processes.plan import Plan
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
@@ -60,6 +61,7 @@ class LoweringDrill:
         self._twin = twin
         self._tell = tell
         self._driver: Driver = planned.driver_class(planned.robot, planned.port, planned.options)
+        self._tool = ToolTargets(self._driver)
         self._course: list[tuple[int, tuple[float, float, float]]] = []
 
     async def script_kill(self) -> StepResult:
@@ -136,7 +138,7 @@ class LoweringDrill:
 
     def _hear(self, received: Received) -> None:
         state = json.loads(received.payload)
-        tool = self._driver.tool_m(state["joints"])
+        tool = self._tool.place(state["joints"])
         if tool is not None:
             self._course.append((monotonic_ns(), tool))
 

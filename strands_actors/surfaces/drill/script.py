@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors import Robot
+from strands_actors.caller.poses.tool_targets import ToolTargets
 
 RAISE_S = 2.0
 HIGHER_M = 0.1
@@ -63,14 +64,15 @@ def _raised_by_hand(robot: Any) -> str | None:
     # A person cannot move an arm that holds itself.
     if (problem := _problem(robot.stop())) is not None:
         return problem
-    first = before = robot.driver.tool_m(robot.get_observation())
+    tool = ToolTargets(robot.driver)
+    first = before = tool.place(robot.get_observation())
     if first is None:
         return "not every joint can be read"
     _tell("connected")
     still_s, deadline_s = time.monotonic(), time.monotonic() + BY_HAND_S
     while time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
-        here = robot.driver.tool_m(robot.get_observation()) or before
+        here = tool.place(robot.get_observation()) or before
         if math.dist(here, before) > STILL_M:
             before, still_s = here, time.monotonic()
         if here[2] - first[2] >= HIGHER_M and time.monotonic() - still_s >= STILL_S:
