@@ -9,11 +9,12 @@ import numpy as np
 
 from strands_actors.drivers.common.codecs import protobuf as pb
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.poses import Matrix, Pose
 from strands_actors.drivers.rby1.commands import decode_duration
 from strands_actors.drivers.rby1.protocol import double, messages, text
 
 from .links import matrix_of
-from .parts import Aim, Matrix, Pose, Spring
+from .parts import Aim, Spring
 
 T = TypeVar("T")
 Fields = dict[int, list[pb.Value]]

@@ -14,9 +14,9 @@ import numpy as np
 from strands_actors.drivers.common.kinematics.link_rows import parse_rows
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.physics.model_rows import build
+from strands_actors.drivers.common.physics.poses import Matrix, Pose, Vector, vector_of
 
 from .links import places_of
-from .parts import Matrix, Pose, Vector
 
 DAMPING = 1e-4
 """Damping of a step near singular positions, in square metres or radians."""
@@ -62,9 +62,7 @@ class Kinematics:
 
     def relative(self, reference: str, link: str) -> Pose:
         """Return the pose of a link in the frame of another one."""
-        here, there = self.pose(reference), self.pose(link)
-        back = here.rotation.T
-        return Pose(back @ (there.position - here.position), back @ there.rotation)
+        return self.pose(reference).inverse @ self.pose(link)
 
     def jacobian(self, reference: str, link: str) -> Matrix:
         """Return the derivative of such a pose by the joints: three rows for the position, and three for the
@@ -119,32 +117,7 @@ class Kinematics:
 def error_of(target: Pose, here: Pose) -> Vector:
     """Return what is missing to a pose: metres, and the rotation as a vector in rad, both along the axes of the
     reference."""
-    return np.concatenate((target.position - here.position, vector_of(target.rotation @ here.rotation.T)))
-
-
-def vector_of(rotation: Matrix) -> Vector:
-    """Return a rotation as a vector: its axis, as long as its angle in rad."""
-    quaternion, vector = np.zeros(4), np.zeros(3)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
-    mujoco.mju_quat2Vel(vector, quaternion, 1.0)
-    return vector
-
-
-def rotation_of(vector: Vector) -> Matrix:
-    """Return the rotation of such a vector."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    quaternion, matrix = np.zeros(4), np.zeros(9)
-    mujoco.mju_axisAngle2Quat(quaternion, np.asarray(vector) / angle, angle)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
-
-
-def between(begin: Pose, end: Pose, share: float) -> Pose:
-    """Return the pose on the straight way between two poses."""
-    turn = rotation_of(share * vector_of(end.rotation @ begin.rotation.T))
-    return Pose(begin.position + share * (end.position - begin.position), turn @ begin.rotation)
+    return np.concatenate((target.place - here.place, vector_of(target.rotation @ here.rotation.T)))
 
 
 def step_towards(tasks: Sequence[Task], rad: Vector, low: Vector, high: Vector, most_rad: Vector) -> Vector:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import msgspec
 
+from strands_actors.drivers.common.physics.poses import Pose, Vector
 from strands_actors.drivers.rby1.commands import PARTS
-
-Vector = Any
-Matrix = Any
 
 JOINTS: dict[str, tuple[int, ...]] = {}
 """The joints of each component, by their index in the driven joints."""
@@ -20,13 +17,6 @@ for _name, _count in PARTS.items():
 BODY = JOINTS["torso"] + JOINTS["right_arm"] + JOINTS["left_arm"]
 BASE = (-2, -1)
 """The wheels, which stand before the driven joints. They stand for the mobile base."""
-
-
-class Pose(msgspec.Struct, frozen=True):
-    """Position in metres and rotation matrix of a link in the frame of another one."""
-
-    position: Vector
-    rotation: Matrix
 
 
 class Reach(msgspec.Struct, frozen=True, kw_only=True):

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.physics.poses import between
 
-from .kinematics import Task, between, error_of, manipulability, step_towards
+from .kinematics import Task, error_of, manipulability, step_towards
 from .motions import Impossible, Joints, Motion, check_spring, shortest_s, tracking
 from .parts import CartesianMove, Optimum, Reach
 

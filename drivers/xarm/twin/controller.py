@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.physics.poses import Pose
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table
@@ -24,7 +25,7 @@ from .kinematics import Kinematics
 from .limits import Limits
 from .motions import Act, ErrorCode, Joints, Motion, MotionFault
 from .planner import Order, Planned, Planner, Target, Velocity
-from .poses import Pose, numbers_of, pose_of
+from .poses import numbers_of, pose_of
 from .registers import (
     ANSWER_SIZE,
     COLLISION_SENSITIVITY,
@@ -277,7 +278,7 @@ class Controller:
 
     def _is_out_of_reach(self, pose: Pose) -> bool:
         joints = self._kinematics.solve(pose, self._target)
-        return joints is None or not self._limits.accepts(joints.tolist()) or not self._limits.contains(pose.mm)
+        return joints is None or not self._limits.accepts(joints.tolist()) or not self._limits.contains(pose.place)
 
     def _solved(self, data: bytes) -> Sequence[float]:
         """Return joint positions for a pose. Newer clients append a limit of 180 degrees, on or off, and then the
@@ -425,7 +426,7 @@ class Controller:
 
     def _check_boundary(self) -> None:
         """Raise ``MotionFault`` if the arm is on its way out of the safety boundary."""
-        if self._limits.fence and not self._limits.contains(self._kinematics.pose(self._target).mm):
+        if self._limits.fence and not self._limits.contains(self._kinematics.pose(self._target).place):
             raise MotionFault(ErrorCode.BOUNDARY)
 
     def _follow_velocity(self, velocity: Velocity, until_s: float, elapsed_s: float) -> None:

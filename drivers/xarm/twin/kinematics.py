@@ -16,9 +16,8 @@ import numpy as np
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.physics.pose_search import PoseSearch
+from strands_actors.drivers.common.physics.poses import ORIGIN, Matrix, Pose, vector_of
 from strands_actors.drivers.xarm.arms import AXES, ArmType, mirrored, model_table
-
-from .poses import ORIGIN, Matrix, Pose, vector_of
 
 NEAR_MM, NEAR_RAD = 0.05, 5e-4
 """A solution may differ from the requested pose by this much."""
@@ -75,8 +74,8 @@ class Kinematics:
         pose = self.pose(rad)
         turn = self._world.rotation
         axes = turn @ self._data.xaxis[self._joints].T
-        anchors = self._world.mm[:, None] + turn @ (self._data.xanchor[self._joints].T * 1e3)
-        return pose, np.vstack((np.cross(axes, pose.mm[:, None] - anchors, axis=0), axes))
+        anchors = self._world.place[:, None] + turn @ (self._data.xanchor[self._joints].T * 1e3)
+        return pose, np.vstack((np.cross(axes, pose.place[:, None] - anchors, axis=0), axes))
 
     def rates(self, rad: Sequence[float], twist: Matrix) -> Matrix:
         """Return the joint speeds in rad/s for a twist of the tool: mm/s, then rad/s about the axes of the base."""
@@ -97,7 +96,7 @@ class Kinematics:
 
         def look(joints_rad: Matrix) -> tuple[Matrix, Matrix]:
             here, jacobian = self.jacobian(joints_rad)
-            return np.concatenate((pose.mm - here.mm, vector_of(pose.rotation @ here.rotation.T))), jacobian
+            return np.concatenate((pose.place - here.place, vector_of(pose.rotation @ here.rotation.T))), jacobian
 
         return self._search.solve(look, rad, steps)
 
@@ -113,7 +112,7 @@ class Kinematics:
             The joint positions in rad; None if no search finds any.
         """
         flange = self._world.inverse @ pose @ self._tool.inverse
-        if np.linalg.norm(flange.mm - self._shoulder_mm) > self._reach_mm:
+        if np.linalg.norm(flange.place - self._shoulder_mm) > self._reach_mm:
             return None
         # The same pose always has the same answer.
         chance = random.Random(0)

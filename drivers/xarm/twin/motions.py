@@ -13,9 +13,10 @@ from typing import Protocol
 
 import numpy as np
 
+from strands_actors.drivers.common.physics.poses import Matrix, Pose, angle_between, between, rotation_of
+
 from .kinematics import Kinematics
 from .limits import Limits
-from .poses import Matrix, Pose, angle_between, between, rotation_of
 
 Joints = Sequence[float]
 
@@ -206,7 +207,7 @@ def line(goal_of: Callable[[Pose], Pose]) -> Callable[[Pose], tuple[Path, float]
 
     def plan(start: Pose) -> tuple[Path, float]:
         goal = goal_of(start)
-        length_mm = float(np.linalg.norm(goal.mm - start.mm))
+        length_mm = float(np.linalg.norm(goal.place - start.place))
         return lambda share: between(start, goal, share), max(
             length_mm, angle_between(start, goal) / TURN_RAD_OF_MM
         )
@@ -224,14 +225,14 @@ def circle(poses_of: Callable[[Pose], tuple[Pose, Pose]], share: float) -> Calla
 
     def plan(start: Pose) -> tuple[Path, float]:
         first, second = poses_of(start)
-        a, b = first.mm - start.mm, second.mm - start.mm
+        a, b = first.place - start.place, second.place - start.place
         normal = np.cross(a, b)
         size = float(normal @ normal)
         if size < 1e-6:
             raise MotionFault(ErrorCode.NO_SOLUTION)
-        centre = start.mm + (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * size)
+        centre = start.place + (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * size)
         axis = normal / math.sqrt(size)
-        spoke = start.mm - centre
+        spoke = start.place - centre
         angle = 2.0 * math.pi * share
 
         def path(part: float) -> Pose:

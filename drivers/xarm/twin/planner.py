@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.poses import Pose
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import Mode, Register
 
 from .kinematics import Kinematics
 from .limits import Limits
 from .motions import ErrorCode, JointMotion, Joints, Motion, MotionFault, PathMotion, Pause, circle, line
-from .poses import Pose, numbers_of, pose_of
+from .poses import numbers_of, pose_of
 
 _LARGEST = 1e6
 """No number of a valid request is larger: the largest is an acceleration of 50,000 mm/s^2."""
@@ -249,7 +250,7 @@ def _moved(pose: Pose, tool: bool, relative: bool) -> Callable[[Pose], Pose]:
         return _in_tool(pose)
     if relative:
         # The rotation is about the axes of the base.
-        return lambda start: Pose(start.mm + pose.mm, pose.rotation @ start.rotation)
+        return lambda start: Pose(start.place + pose.place, pose.rotation @ start.rotation)
     return lambda start: pose
 
 

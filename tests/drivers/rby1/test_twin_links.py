@@ -25,11 +25,11 @@ def test_a_link_moves_straight_to_its_pose(reference: str) -> None:
     )
     robot.wait(0.5)
     here = commanded(robot, "ee_right", reference)
-    assert here.position == pytest.approx((begin.position + aim.pose.position) / 2, abs=0.01)
+    assert here.place == pytest.approx((begin.place + aim.pose.place) / 2, abs=0.01)
     robot.wait(1.0)
     assert client.reasons == [Finish.OK]
     here = pose(robot, "ee_right", reference)
-    assert here.position == pytest.approx(aim.pose.position, abs=0.02)
+    assert here.place == pytest.approx(aim.pose.place, abs=0.02)
     assert here.rotation == pytest.approx(aim.pose.rotation, abs=0.05)
 
 
@@ -50,7 +50,7 @@ def test_the_body_moves_both_hands_and_the_torso() -> None:
     robot.wait(2.0)
     assert client.reasons == [Finish.OK]
     for each in reaches:
-        assert pose(robot, each.link).position == pytest.approx(each.pose.position, abs=0.03)
+        assert pose(robot, each.link).place == pytest.approx(each.pose.place, abs=0.03)
 
 
 def test_a_joints_aim_uses_the_freedom_of_the_arm() -> None:
@@ -81,10 +81,10 @@ def test_a_cartesian_spring_reaches_its_pose_and_gives_way() -> None:
     )
     robot.command(client, request(move))
     robot.wait(1.5)
-    assert pose(robot, "ee_right").position == pytest.approx(aim.pose.position, abs=0.03)
+    assert pose(robot, "ee_right").place == pytest.approx(aim.pose.place, abs=0.03)
     push(robot, "right_6", (0.0, 0.0, -40.0))
     robot.wait(1.0)
-    assert pose(robot, "ee_right").position[2] < aim.pose.position[2] - 0.03
+    assert pose(robot, "ee_right").place[2] < aim.pose.place[2] - 0.03
     robot.wait(1.0)
     assert client.reasons == [Finish.OK]
 
@@ -97,11 +97,11 @@ def test_a_spring_pulls_a_link_to_its_pose() -> None:
     )
     robot.command(client, request(spring))
     robot.wait(2.0)
-    here = pose(robot, "ee_right").position
-    assert here == pytest.approx(aim.pose.position, abs=0.03)
+    here = pose(robot, "ee_right").place
+    assert here == pytest.approx(aim.pose.place, abs=0.03)
     push(robot, "right_6", (0.0, 20.0, 0.0))
     robot.wait(0.9)
-    way = pose(robot, "ee_right").position[1] - here[1]
+    way = pose(robot, "ee_right").place[1] - here[1]
     assert 0.005 < way < 0.06, "some 2 cm: 20 N at 1000 N/m, less the friction of the gears"
     robot.wait(0.3)
     assert client.reasons == [Finish.OK]
@@ -120,7 +120,7 @@ def test_an_optimum_weighs_its_costs() -> None:
     robot.command(client, request(optimum))
     robot.wait(2.0)
     assert client.reasons == [Finish.OK]
-    assert pose(robot, "ee_right").position == pytest.approx(aim.pose.position, abs=0.03)
+    assert pose(robot, "ee_right").place == pytest.approx(aim.pose.place, abs=0.03)
 
 
 def test_the_centre_of_mass_moves_to_its_place() -> None:

@@ -74,7 +74,7 @@ def commanded(robot: Robot, link: str, reference: str = "base") -> Pose:
 
 
 def moved(here: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
-    return Pose(here.position + np.array((x, y, z)), here.rotation)
+    return Pose(here.place + np.array((x, y, z)), here.rotation)
 
 
 def reach(robot: Robot, link: str = "ee_right", reference: str = "base", z: float = 0.1, **limits: float) -> Reach:

@@ -8,19 +8,11 @@ import random
 import numpy as np
 import pytest
 
+from strands_actors.drivers.common.physics.poses import Pose, angle_between, between, rotation_of, vector_of
 from strands_actors.drivers.xarm.arms import ArmType, arm_of
 from strands_actors.drivers.xarm.twin.kinematics import Kinematics
 from strands_actors.drivers.xarm.twin.limits import Limits
-from strands_actors.drivers.xarm.twin.poses import (
-    Pose,
-    angle_between,
-    between,
-    numbers_of,
-    pose_of,
-    rotation_of,
-    rpy_of,
-    vector_of,
-)
+from strands_actors.drivers.xarm.twin.poses import numbers_of, pose_of, rpy_of
 from strands_actors.drivers.xarm.twin.safety import CollisionWatch, StepLimit
 
 TYPES = arm_of("xarm7").types
@@ -28,7 +20,7 @@ USUAL = arm_of("xarm7").usual
 
 
 def near(one: Pose, other: Pose, mm: float = 0.1, rad: float = 1e-3) -> bool:
-    return float(np.linalg.norm(one.mm - other.mm)) < mm and angle_between(one, other) < rad
+    return float(np.linalg.norm(one.place - other.place)) < mm and angle_between(one, other) < rad
 
 
 # -- poses
@@ -58,7 +50,7 @@ def test_a_rotation_vector_is_found_again(vector: tuple[float, float, float]) ->
 def test_between_two_poses_is_the_shorter_turn() -> None:
     start, end = pose_of((0, 0, 0, 3.0, 0, 0)), pose_of((100, 0, 0, -3.0, 0, 0))
     half = between(start, end, 0.5)
-    assert half.mm == pytest.approx((50, 0, 0)) and abs(rpy_of(half.rotation)[0]) == pytest.approx(math.pi)
+    assert half.place == pytest.approx((50, 0, 0)) and abs(rpy_of(half.rotation)[0]) == pytest.approx(math.pi)
     assert near(between(start, end, 1.0), end) and near(start @ (start.inverse @ end), end)
 
 
@@ -68,7 +60,7 @@ def test_between_two_poses_is_the_shorter_turn() -> None:
 @pytest.mark.parametrize("arm_type", TYPES, ids=lambda arm_type: f"{arm_type.number}-{arm_type.serials[0]}")
 def test_joint_positions_for_a_pose_have_this_pose_and_are_in_range(arm_type: ArmType) -> None:
     kinematics = Kinematics("xarm7", arm_type)
-    assert kinematics.pose([0.0] * 7).mm == pytest.approx((206.0, 0.0, 120.5), abs=0.01)
+    assert kinematics.pose([0.0] * 7).place == pytest.approx((206.0, 0.0, 120.5), abs=0.01)
     chance, found = random.Random(1), 0
     for _ in range(40):
         goal = kinematics.pose([chance.uniform(max(low, -3), min(high, 3)) for low, high in arm_type.range_rad])
@@ -100,7 +92,7 @@ def test_the_jacobian_is_the_derivative_of_the_pose() -> None:
     for joint in range(7):
         moved = kinematics.pose(at + np.eye(7)[joint] * 1e-6)
         turn = np.array(vector_of(moved.rotation @ pose.rotation.T))
-        assert np.allclose(np.concatenate((moved.mm - pose.mm, turn)) / 1e-6, jacobian[:, joint], atol=1e-2)
+        assert np.allclose(np.concatenate((moved.place - pose.place, turn)) / 1e-6, jacobian[:, joint], atol=1e-2)
 
 
 def test_speeds_of_the_joints_give_the_speed_of_the_tool() -> None:
@@ -114,9 +106,9 @@ def test_speeds_of_the_joints_give_the_speed_of_the_tool() -> None:
 def test_the_offsets_of_tool_and_base_are_part_of_the_pose() -> None:
     kinematics = Kinematics("xarm7", USUAL)
     kinematics.set_tool(pose_of((0, 0, 100, 0, 0, 0)))
-    assert kinematics.pose([0.0] * 7).mm == pytest.approx((206.0, 0.0, 20.5), abs=0.01)
+    assert kinematics.pose([0.0] * 7).place == pytest.approx((206.0, 0.0, 20.5), abs=0.01)
     kinematics.set_world(pose_of((0, 0, 500, 0, 0, 0)))
-    assert kinematics.pose([0.0] * 7).mm == pytest.approx((206.0, 0.0, 520.5), abs=0.01)
+    assert kinematics.pose([0.0] * 7).place == pytest.approx((206.0, 0.0, 520.5), abs=0.01)
 
 
 # -- safety functions

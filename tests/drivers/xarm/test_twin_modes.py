@@ -8,9 +8,10 @@ import struct
 import numpy as np
 import pytest
 
+from strands_actors.drivers.common.physics.poses import angle_between
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, MOTIONS, NOT_READY, Mode, Register, State
-from strands_actors.drivers.xarm.twin.poses import angle_between, pose_of
+from strands_actors.drivers.xarm.twin.poses import pose_of
 
 from .requests import POSITION_MOTIONS, REQUESTS, SERVO_MOTIONS
 from .test_twin import World
@@ -160,7 +161,7 @@ def test_a_line_is_straight_and_ends_at_its_pose() -> None:
         off_mm = max(off_mm, abs(x - 400.0), abs(z - (300.0 - y / 2)))
     assert off_mm < 3.0
     got, goal = pose_of(tool(world)), pose_of((400.0, 200.0, 200.0, FLIP, 0.0, 0.5))
-    assert np.linalg.norm(got.mm - goal.mm) < 0.5 and angle_between(got, goal) < 5e-3
+    assert np.linalg.norm(got.place - goal.place) < 0.5 and angle_between(got, goal) < 5e-3
 
 
 def test_a_line_that_begins_in_a_singular_position_ends_at_its_pose() -> None:
@@ -173,7 +174,7 @@ def test_a_line_that_begins_in_a_singular_position_ends_at_its_pose() -> None:
     world.run(5.0)
     assert world.controller.error == 0
     got = pose_of(tool(world))
-    assert np.linalg.norm(got.mm - goal[:3]) < 1.0 and angle_between(got, pose_of(goal)) < 5e-3
+    assert np.linalg.norm(got.place - goal[:3]) < 1.0 and angle_between(got, pose_of(goal)) < 5e-3
 
 
 def test_a_line_has_its_speed() -> None:
