@@ -22,10 +22,8 @@ LIFETIME_S = 1.0
 """Setpoints may be so late, since two simulations can keep a small computer busy."""
 DOWN = {"so101": {"rpy": [0, 90, 0]}, "ur5e": {"rpy": [180, 0, 90]}}
 """The orientation with which each tool points down."""
-CUBES = {
-    "so101": {"position": [0.22, -0.05, 0.015], "size": [0.03, 0.03, 0.03], "mass": 0.03},
-    "ur5e": {"position": [-0.49, -0.13, 0.025], "size": [0.05, 0.05, 0.05], "mass": 0.2},
-}
+CUBES = {"so101": ([0.22, -0.05, 0.015], 0.03, 0.03), "ur5e": ([-0.49, -0.13, 0.025], 0.05, 0.2)}
+"""The cube in the reach of each arm: position and edge in m, mass in kg."""
 GRIPPERS = {"so101": ("so101", 40.0, 0.0), "ur5e": ("robotiq_2f85", 0.0, 1.0)}
 """The robot that has the gripper of each arm, and the positions of the open and of the closed gripper."""
 
@@ -46,13 +44,14 @@ def robots(name):
             hand = cleanup.enter_context(Robot("robotiq_2f85", mode="real", port=address))
             hand.connect_eagerly()
             tools = [arm, hand]
-        arm.add_object("cube", "box", **CUBES[name])
+        place, edge, mass = CUBES[name]
+        arm.add_object("cube", "box", position=place, size=[edge, edge, edge], mass=mass)
         yield tools
 
 
 def script_of(name):
     """Return the calls of the agent: tool, and input."""
-    x, y, z = CUBES[name]["position"]
+    (x, y, z), _, _ = CUBES[name]
     gripper, opened, closed = GRIPPERS[name]
 
     def tool_at(left_m, above_m, **how):

@@ -36,7 +36,7 @@ from strands_actors.supervisors.loading import build_driver
 FILE = Path(factory.__file__).with_name("robot.pyi")
 WIDTH = 116
 
-OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
+OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at")
 OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated", "onboard")
 """Keywords that only one of ``Robot`` and ``open_robot`` takes. All others belong to both."""
 NONE: Mapping[str, ToolVerb] = {}
@@ -152,14 +152,16 @@ def packed(head: str, parts: Iterable[str], tail: str) -> str:
 # -- keywords
 
 
-def options_of(driver: type[Driver]) -> Iterator[str]:
-    """Yield the driver's own keywords, in every spelling."""
+def options_of(driver: type[Driver], names: Iterable[str] | None = None) -> Iterator[str]:
+    """Yield the driver's own keywords, in every spelling; only those with these names, if names are given."""
     meanings = driver.OPTIONS
     assert isinstance(meanings, Meanings), f"{driver.__name__}.OPTIONS is not made by meanings()"
     hints = get_type_hints(meanings.options, include_extras=True)
     plain = get_type_hints(meanings.options)
     spellings = {own: other for other, own in driver.SPELLINGS.items()}
     for field in msgspec.structs.fields(meanings.options):
+        if names is not None and field.name not in names:
+            continue
         if field.name == "transport":
             continue  # ``transports`` lists it together with ``twin``
         metas = getattr(hints[field.name], "__metadata__", ())
@@ -205,8 +207,11 @@ def overloads(function: str, known: list[Kind], returns: Mapping[str, str]) -> I
     yield one("str", real, ['driver: Literal["lerobot"]', *lerobots], returns["real"])
     yield one("str", real, factory_keywords(OF_SIMULATIONS, {**ours, "transport": anything}), returns["real"])
     for kind in known:
-        if handle := returns.get(f"sim {kind.name}"):
-            yield one(kind.alias, sim, factory_keywords(OF_HARDWARE, simulated), handle)
+        handle = returns.get(f"sim {kind.name}")
+        if handle or kind.driver.TWIN_OPTIONS:
+            body = options_of(kind.driver, kind.driver.TWIN_OPTIONS)
+            keywords = [*factory_keywords(OF_HARDWARE, simulated), *body]
+            yield one(kind.alias, sim, keywords, handle or returns["sim"])
     yield one("str", sim, factory_keywords(OF_HARDWARE, simulated), returns["sim"])
 
 
