@@ -51,20 +51,20 @@ QUESTION = Question(
     notice="""`move_to(xyz=...)` begins to move some hundredths of a second after the call. The figures are of
 plans. How exactly a real arm follows its plan depends on its own controller: an SO-101 yields to its weight by
 some millimetres.""",
-    limit="""`found`, `p50`, `p95`, `off` and `turned` are of 200 random poses that the arm reaches without touching
-itself, each planned from the arm's home position with `linear=False`. `off` and `turned` are the largest distance
-and turn between a requested and a planned pose. The poses of so101 are poses of its five joints. `bent` is the
-largest distance of a planned setpoint from a straight line, of 40 lines of 10 cm. `refused` is the share of 40
-poses outside the reach that are refused. Most of the time is spent in numpy: one step of a search takes 60 to
-100 µs, and most searches end after 10 steps. The longest plans are those whose first starts lead to no
-solution.
+    limit="""All times are processor time, so that other programs on the computer do not count. `found`, `p50`, `p95`, `off`
+and `turned` are of 200 random poses that the arm reaches without touching itself, each planned from the arm's
+home position with `linear=False`. `off` and `turned` are the largest distance and turn between a requested and
+a planned pose. The poses of so101 are poses of its five joints. `bent` is the largest distance of a planned
+setpoint from a straight line, of 40 lines of 10 cm. `refused` is the share of 40 poses outside the reach that
+are refused. Most of the time is spent in numpy: one step of a search takes 60 to 100 µs, and most searches end
+after 10 steps. The longest plans are those whose first starts lead to no solution.
 
-The other libraries got the same arms, poses, start and tolerances (`benchmarks/sides/poses_peers.py`). None of them
-starts anew by itself, so our program starts them at random positions until a pose is found: for pinocchio its
-documented loop of damped least squares, for mink a frame task with the limits of the joints (daqp), for ikpy its
-least squares over the whole orientation (30 poses of each arm, since it is slow). They only solve: our time also
-includes the check of the arm's contacts at the pose and on the way, and which whole turns of a joint are nearest.
-Their figures are of these loops, and a program that uses them in another way may be faster. franky is not
-compared, since it moves only a connected Franka.""",
+The other libraries got the same arms, poses, start and tolerances (`benchmarks/sides/poses_peers.py`). None of
+them starts anew by itself, so our program starts them at random positions until a pose is found: for pinocchio
+its documented loop of damped least squares, for mink a frame task with the limits of the joints (daqp), for
+ikpy its least squares over the whole orientation (30 poses of each arm, since it is slow). They only solve: our
+time also includes the check of the arm's contacts at the pose and on the way, and which whole turns of a joint
+are nearest. Their figures are of these loops, and a program that uses them in another way may be faster. franky
+is not compared, since it moves only a connected Franka.""",
     rounds=3,
 )

@@ -66,6 +66,7 @@ PAGES: Mapping[str, Blocks] = {
     "docs/robots/spot.md": Blocks(How.ON_TWINS),
     "docs/robots/stretch.md": Blocks(How.ON_TWINS),
     "docs/robots/unitree.md": Blocks(How.ON_TWINS),
+    "docs/robots/ur.md": Blocks(How.AS_WRITTEN),
     "docs/robots/xarm.md": Blocks(How.ON_TWINS),
     "docs/robots/yahboom.md": Blocks(How.ON_TWINS),
 }

@@ -115,6 +115,7 @@ def test_a_ur_moves_its_tool_to_the_left_and_its_controller_agrees(ur: RealRobot
     assert result["measured_pose"]["xyz"] == pytest.approx(goal, abs=1e-3)
     assert json_of(ur.state())["tcp_pose"][:3] == pytest.approx(goal, abs=1e-3)
     after = json_of(ur.get_pose())
+    assert after["apart_m"] < 1e-3
     assert abs(sum(a * b for a, b in zip(before["quat"], after["quat"], strict=True))) > 0.99999
 
 

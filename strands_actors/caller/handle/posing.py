@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import trio
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..poses.arm import Arm
     from ..poses.timing import TimedPlan
 
-GET_POSE = "get_pose"
+GET_POSE, POSE = "get_pose", "pose"
 SETTLE_S, LOOK_S, STILL_RAD = 0.5, 0.05, 2e-4
 """The pose at the end of a motion is read when no joint has moved by ``STILL_RAD`` in ``LOOK_S``, and after
 ``SETTLE_S`` at the latest."""
@@ -57,7 +57,16 @@ async def get_pose(tree: RobotTree) -> Answer:
     pose = await _computed(_pose_of, tree.driver, observation)
     if isinstance(pose, Refused):
         return answers.refused(pose.about(GET_POSE))
-    return answers.success({"robot": tree.robot, **pose})
+    return answers.success({"robot": tree.robot, **pose, **_reported(tree.driver, observation, pose["xyz"])})
+
+
+def _reported(driver: Driver, observation: Observation, xyz: Sequence[float]) -> dict[str, Any]:
+    """Return the position of the tool that the controller of the robot reports, and its distance from ours."""
+    sensor = next((each for each in driver.SENSORS if each.topic == POSE and each.words.get("frame") == "base"), None)
+    row = () if sensor is None else observation.sensors.get(sensor.fields["xyz"], ())[:3]
+    if len(row) < 3 or not all(map(math.isfinite, row)):
+        return {}
+    return {"reported_xyz": [round(value, 6) for value in row], "apart_m": round(math.dist(row, xyz), 6)}
 
 
 async def move_to(

@@ -413,7 +413,9 @@ class RealRobot(RobotTool):
 
         Returns:
             Keys: ``xyz`` in m, ``rpy`` (roll, pitch and yaw in degrees about the fixed axes x, y and z), and
-            ``quat`` (the same orientation as w, x, y, z).
+            ``quat`` (the same orientation as w, x, y, z). If the controller of the arm reports the position of a
+            tool, also ``reported_xyz``, and ``apart_m``, its distance from ``xyz``: the controller includes the
+            tool centre point that is configured in it.
         """
         return self._verb(posing.get_pose, "get_pose")
 

@@ -100,6 +100,12 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     comes_back(arm, twin)
 
 
+def test_the_pose_of_the_tool_agrees_with_the_controllers(arm: RealRobot) -> None:
+    pose = json_of(arm.get_pose())
+    assert pose["reported_xyz"] == pytest.approx(pose["xyz"], abs=1e-3)
+    assert pose["apart_m"] < 1e-3
+
+
 def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     assert "joint4 is nan" in why(arm.send_action({"joint4": math.nan}))
