@@ -56,8 +56,8 @@ def bad_box(number: int, box: object) -> Refused:
 # -- the keys of an action
 
 
-def unknown_pose_key(key: str, known: Sequence[str]) -> Refused:
-    names = ", ".join(known)
+def unknown_pose_key(key: str, accepted: Sequence[str]) -> Refused:
+    names = ", ".join(accepted)
     return Refused(Code.BAD_POSE, f"{key} is no key of the tool's pose", f"give {names}", key, names)
 
 

@@ -122,9 +122,9 @@ class ToolTargets:
 
     def _refuse_keys(self, action: Mapping[str, Any]) -> Refused | None:
         given = [key for key in action if key.startswith(PREFIX)]
-        known = (*POSE_KEYS, GRIPPER_KEY) if self._gripper is not None else POSE_KEYS
-        if unknown := [key for key in given if key not in known]:
-            return refusals.unknown_pose_key(unknown[0], known)
+        accepted = (*POSE_KEYS, GRIPPER_KEY) if self._gripper is not None else POSE_KEYS
+        if unknown := [key for key in given if key not in accepted]:
+            return refusals.unknown_pose_key(unknown[0], accepted)
         if both := [key for key in action if key.removesuffix(".pos") in self._joints]:
             return refusals.joint_and_pose(both[0])
         for group in (POSITION_KEYS, TURN_KEYS):
