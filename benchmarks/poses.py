@@ -51,13 +51,13 @@ QUESTION = Question(
     notice="""`move_to(xyz=...)` begins to move some hundredths of a second after the call. The figures are of
 plans. How exactly a real arm follows its plan depends on its own controller: an SO-101 yields to its weight by
 some millimetres.""",
-    limit="""All times are processor time, so that other programs on the computer do not count. `found`, `p50`, `p95`, `off`
-and `turned` are of 200 random poses that the arm reaches without touching itself, each planned from the arm's
-home position with `linear=False`. `off` and `turned` are the largest distance and turn between a requested and
-a planned pose. The poses of so101 are poses of its five joints. `bent` is the largest distance of a planned
-setpoint from a straight line, of 40 lines of 10 cm. `refused` is the share of 40 poses outside the reach that
-are refused. Most of the time is spent in numpy: one step of a search takes 60 to 100 µs, and most searches end
-after 10 steps. The longest plans are those whose first starts lead to no solution.
+    limit="""All times are processor time, so that other programs on the computer do not count. `found`, `p50`,
+`p95`, `off` and `turned` are of 200 random poses that the arm reaches without touching itself, each planned
+from the arm's home position with `linear=False`. `off` and `turned` are the largest distance and turn between a
+requested and a planned pose. The poses of so101 are poses of its five joints. `bent` is the largest distance of
+a planned setpoint from a straight line, of 40 lines of 10 cm. `refused` is the share of 40 poses outside the
+reach that are refused. Most of the time is spent in numpy: one step of a search takes 60 to 100 µs, and most
+searches end after 10 steps. The longest plans are those whose first starts lead to no solution.
 
 The other libraries got the same arms, poses, start and tolerances (`benchmarks/sides/poses_peers.py`). None of
 them starts anew by itself, so our program starts them at random positions until a pose is found: for pinocchio

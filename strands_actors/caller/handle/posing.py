@@ -62,7 +62,8 @@ async def get_pose(tree: RobotTree) -> Answer:
 
 def _reported(driver: Driver, observation: Observation, xyz: Sequence[float]) -> dict[str, Any]:
     """Return the position of the tool that the controller of the robot reports, and its distance from ours."""
-    sensor = next((each for each in driver.SENSORS if each.topic == POSE and each.words.get("frame") == "base"), None)
+    of_base = (each for each in driver.SENSORS if each.topic == POSE and each.words.get("frame") == "base")
+    sensor = next(of_base, None)
     row = () if sensor is None else observation.sensors.get(sensor.fields["xyz"], ())[:3]
     if len(row) < 3 or not all(map(math.isfinite, row)):
         return {}
