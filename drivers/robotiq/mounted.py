@@ -1,6 +1,7 @@
 """A gripper on the flange of a simulated arm: its links in the arm's model, and its fingers in the arm's physics.
 
-The driver of the arm names these functions as text, since no driver imports another one.
+The driver of the arm names these functions as text, since no driver imports another one. The force in a command is
+not simulated: the fingers always press with ``GRIP_NM`` at most.
 """
 
 from __future__ import annotations

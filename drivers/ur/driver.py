@@ -56,8 +56,8 @@ class UROptions(DriverOptions, frozen=True):
     gripper: Annotated[
         Gripper | None,
         option(
-            "the gripper on the flange: poses are then of the point between its fingers, and plans keep it off "
-            "what they keep off; a simulated arm has it, too. It is a robot of its own; None: none"
+            "the gripper on the flange, a robot of its own: poses are those of the point between its fingers, its "
+            "links count in the tests of contacts, and a simulated arm has it, too; None: no gripper"
         ),
     ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (

@@ -99,6 +99,8 @@ def test_the_gripper_has_the_key_of_lerobot_and_other_axes_pass() -> None:
         ({"ee.wx": 0.2, "ee.wy": 0.0, "ee.wz": 0.0}, "a part of the tool's pose is missing"),
         ({"ee.x": 0.2, "ee.y": 0.0, "ee.z": 0.1, "ee.rx": 0.0}, "ee.rx is no key of the tool's pose"),
         ({"ee.x": 0.2, "ee.y": 0.0, "ee.z": 0.1, "elbow_flex.pos": 0.0}, "elbow_flex.pos and a pose"),
+        ({"ee.x": math.nan, "ee.y": 0.0, "ee.z": 0.1}, "ee.x is nan. Give a finite number"),
+        ({"ee.x": 0.2, "ee.y": "left", "ee.z": 0.1}, "ee.y is 'left'"),
         ({"ee.x": 0.9, "ee.y": 0.0, "ee.z": 0.1}, "cannot move on to xyz=(0.9000, 0.0000, 0.1000)"),
     ],
 )

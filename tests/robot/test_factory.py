@@ -366,3 +366,16 @@ def test_an_invalid_value_of_the_environment_variable_is_ignored_and_reported(
     monkeypatch.setenv("STRANDS_ROBOT_MODE", "rael")
     assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, sim)>"
     assert "STRANDS_ROBOT_MODE is 'rael', and is ignored" in caplog.text
+
+
+def test_a_simulation_has_the_gripper_of_its_arm_and_no_other() -> None:
+    plain, gripping = Robot("ur5e"), Robot("ur5e", gripper="robotiq_2f85")
+    with pytest.raises(ValueError, match="gripper is 'robotiq_2f85', and None in the simulation"):
+        Robot("ur5e", mode="real", transport="twin", sim=plain, gripper="robotiq_2f85")
+    with pytest.raises(ValueError, match="gripper is None"):
+        Robot("ur5e", mode="real", transport="twin", sim=gripping)
+    assert Robot("ur5e", mode="real", transport="twin", sim=gripping, gripper="robotiq_2f85").transport == "twin"
+    with pytest.raises(ValueError, match="gripper"):
+        Robot("ur5e", gripper="hand")
+    with pytest.raises(TypeError, match="would ignore control_frequency="):
+        Robot("ur5e", control_frequency=100.0)

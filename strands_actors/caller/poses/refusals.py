@@ -61,6 +61,10 @@ def unknown_pose_key(key: str, accepted: Sequence[str]) -> Refused:
     return Refused(Code.BAD_POSE, f"{key} is no key of the tool's pose", f"give {names}", key, names)
 
 
+def bad_pose_number(key: str, value: object) -> Refused:
+    return Refused(Code.BAD_POSE, f"{key} is {shown(value)}", "give a finite number", shown(value))
+
+
 def joint_and_pose(joint: str) -> Refused:
     reason = f"{joint} and a pose of the tool are both given"
     return Refused(Code.BOTH, reason, "give the joints of the arm, or the pose")

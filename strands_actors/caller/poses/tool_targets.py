@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.pose_keys import GRIPPER_KEY, POSE_KEYS, POSITION_KEYS, PREFIX, TURN_KEYS
 from strands_actors.kernel.messages import Refused
 
@@ -23,6 +25,8 @@ from .search import NEXT_STEPS, follow, solve
 from .timing import limits_of, units_of
 
 GRIPPER_UNIT = "percent"
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+"""The orientation of the base, as w, x, y, z."""
 
 
 class ToolTargets:
@@ -50,7 +54,7 @@ class ToolTargets:
     def pose(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Return the pose of the tool by key, and the position of the gripper, at positions by axis."""
         pose = self._arm.pose(self._rad(positions))
-        values = [*pose.xyz.tolist(), *turn_between(np.array([1.0, 0.0, 0.0, 0.0]), pose.quat).tolist()]
+        values = [*pose.xyz.tolist(), *turn_between(UNTURNED, pose.quat).tolist()]
         result: dict[str, float] = dict(zip(POSE_KEYS, values, strict=True))
         if self._gripper is not None:
             result[GRIPPER_KEY] = positions[self._gripper]
@@ -81,12 +85,14 @@ class ToolTargets:
             rest[self._gripper] = action[GRIPPER_KEY]
         if POSITION_KEYS[0] not in action:
             return rest
-        rad = self._rad(before)
-        xyz = np.array([float(action[key]) for key in POSITION_KEYS])
+        numbers = {key: finite(as_python(action[key])) for key in POSE_KEYS if key in action}
+        if bad := [key for key, number in numbers.items() if number is None]:
+            return refusals.bad_pose_number(bad[0], action[bad[0]])
+        rad, values = self._rad(before), [number or 0.0 for number in numbers.values()]
         quat = self._arm.pose(rad).quat
         if TURN_KEYS[0] in action:
-            quat = rotated(np.array([1.0, 0.0, 0.0, 0.0]), np.array([float(action[key]) for key in TURN_KEYS]))
-        reached = self._reach(Pose(xyz, quat), rad)
+            quat = rotated(UNTURNED, np.array(values[3:]))
+        reached = self._reach(Pose(np.array(values[:3]), quat), rad)
         return reached if isinstance(reached, Refused) else {**rest, **self._named(reached)}
 
     def moved(
