@@ -168,7 +168,7 @@ def matrix(goal: dict[str, Any]) -> Any:
 
 def figures_of(name: str, arms: dict[str, Any]) -> dict[str, float]:
     made, count = LIBRARIES[name]
-    figures = {}
+    figures: dict[str, float] = {}
     for robot, arm in arms.items():
         solver, generator = made(arm), np.random.default_rng(5)
         took_ms, off_mm, turned_deg = [], [], []
