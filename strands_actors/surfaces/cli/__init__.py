@@ -550,7 +550,7 @@ def record(
         options = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
         raise Problem(f"record: give {options}")
     if dataset is not None:
-        from strands_actors.surfaces.dataset.session import Order
+        from strands_actors.surfaces.dataset.order import Order
 
         from .dataset import record as record_dataset
 

@@ -23,10 +23,17 @@ from strands_actors.surfaces.dataset.dataset import STRAYS
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
+from strands_actors.surfaces.dataset.order import Event, Order, Progress, State
 from strands_actors.surfaces.dataset.page import serve_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
-from strands_actors.surfaces.dataset.run import Command, EpisodeSummary, Onlooker, Summary, record_episodes
-from strands_actors.surfaces.dataset.session import Event, Order, Progress, State, give_way
+from strands_actors.surfaces.dataset.run import (
+    Command,
+    EpisodeSummary,
+    Onlooker,
+    Summary,
+    give_way,
+    record_episodes,
+)
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError

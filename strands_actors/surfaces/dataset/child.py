@@ -16,8 +16,8 @@ import trio
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .keys import read_words
-from .run import Command, Summary, record_episodes
-from .session import Event, Order, give_way
+from .order import Event, Order
+from .run import Command, Summary, give_way, record_episodes
 
 ALIVE_S = 1.0
 

@@ -3,6 +3,7 @@ the demonstrator (the person that shows the task)."""
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -21,7 +22,8 @@ from strands_actors.surfaces.recording.recorder import Recorder, visit
 from .cameras import Attach, attach_camera, wait_for_shapes
 from .dataset import Dataset
 from .errors import DatasetError
-from .session import DatasetSession, Event, Order, Progress, State, give_way
+from .order import Event, Order, Progress, State
+from .session import DatasetSession
 from .storage import Storage
 from .video import require_codec
 
@@ -212,4 +214,6 @@ async def _record(
     )
 
 
-__all__ = ["Command", "Controls", "Onlooker", "Summary", "give_way", "record_episodes", "require_order"]
+def give_way() -> None:
+    """Lower the priority of this process, so that the robot's processes run first on a busy computer."""
+    os.nice(10)

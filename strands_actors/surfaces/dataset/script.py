@@ -23,8 +23,9 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from strands_actors.surfaces.recording.arguments import name_of_robot, name_of_started, path_of
 
 from .errors import DatasetError
+from .order import Event, Order
 from .run import require_order
-from .session import LEAVE_S, Event, Order
+from .session import LEAVE_S
 
 CHILD = f"{__package__}.child"
 END_S = LEAVE_S + 15.0
