@@ -536,6 +536,14 @@ def record(
             help="For a dataset: av1, or mpeg4 for a slow processor. An existing dataset keeps its codec."
         ),
     ] = None,
+    copy_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLACE",
+            help="For a dataset: copy each finished episode to this folder, s3://BUCKET/FOLDER or "
+            "hf://datasets/USER/NAME.",
+        ),
+    ] = None,
     keys: Annotated[
         str | None,
         typer.Option(
@@ -551,16 +559,28 @@ def record(
         raise Problem(f"record: give {options}")
     if dataset is not None:
         from strands_actors.surfaces.dataset.order import Order
+        from strands_actors.surfaces.dataset.second.place import absolute_url
 
         from .dataset import record as record_dataset
 
-        order = Order(robot, os.path.abspath(dataset), task, fps, tuple(camera or ()), codec, episodes, seconds)
+        order = Order(
+            robot,
+            os.path.abspath(dataset),
+            task,
+            fps,
+            tuple(camera or ()),
+            codec,
+            episodes,
+            seconds,
+            absolute_url(copy_to or ""),
+        )
         raise typer.Exit(record_dataset(order, keys, as_json=json))
-    of_datasets = ("task", "episodes", "fps", "camera", "codec", "keys")
+    of_datasets = ("task", "episodes", "fps", "camera", "codec", "copy_to", "keys")
     sources = {name: context.get_parameter_source(name) for name in of_datasets}
     unusable = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
     if unusable:
-        raise Problem(f"record: --{', --'.join(unusable)}: of a dataset's episodes. Give --dataset DIR")
+        named = ", --".join(name.replace("_", "-") for name in unusable)
+        raise Problem(f"record: --{named}: of a dataset's episodes. Give --dataset DIR")
     assert out is not None
     from .record import record as run
 
@@ -612,6 +632,24 @@ def repair_dataset(
     from .dataset import repair as run
 
     raise typer.Exit(run(root, drop, as_json=json))
+
+
+@datasets.command("copy")
+def copy_dataset(
+    root: DatasetDirectory,
+    place: Annotated[
+        str,
+        typer.Argument(metavar="PLACE", help="A folder, s3://BUCKET/FOLDER or hf://datasets/USER/NAME."),
+    ],
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Also read every file there, and replace those that differ.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Copy the episodes that a second place lacks."""
+    from .dataset import copy as run
+
+    raise typer.Exit(run(root, place, verify, as_json=json))
 
 
 @datasets.command("compact")

@@ -34,6 +34,8 @@ from strands_actors.surfaces.dataset.run import (
     give_way,
     record_episodes,
 )
+from strands_actors.surfaces.dataset.second.bring import copy_all
+from strands_actors.surfaces.dataset.second.place import PlaceError, open_place
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
@@ -61,8 +63,11 @@ class Screen:
         self.say(event.line)
 
     def show(self, now: Progress) -> None:
+        self.count(line_of(now))
+
+    def count(self, line: str) -> None:
         if self._is_live:
-            print(f"{CLEAR}{line_of(now)}", end="", file=sys.stderr, flush=True)
+            print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
         if self._is_live:
@@ -134,10 +139,10 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
 
 def is_achieved(order: Order, summary: Summary) -> bool:
-    """Return False if the robot ended before all requested episodes were saved. If the user ended the
-    recording, return True, since no more episodes are wanted."""
+    """Return False if the robot ended before all requested episodes were saved, or if the second place lacks an
+    episode. If the user ended the recording, no more episodes are wanted."""
     has_all = order.episodes is None or len(summary.episodes) >= order.episodes
-    return summary.ended != GONE or (has_all and not summary.remaining)
+    return not summary.not_copied and (summary.ended != GONE or (has_all and not summary.remaining))
 
 
 def _page(keys: str | None) -> tuple[str, str, int]:
@@ -167,6 +172,8 @@ def _summed_up(summary: Summary) -> str:
         )
     if summary.remaining:
         lines.append(summary.remaining)
+    if summary.not_copied:
+        lines.append(summary.not_copied)
     return "\n".join(lines)
 
 
@@ -260,9 +267,33 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     return 0 if report.is_sound else NOT_ACHIEVED
 
 
-def _not_achieved(command: str, damage: DamagedError) -> int:
-    print(f"dataset {command}: {harmless(str(damage))}", file=sys.stderr)
+def _not_achieved(command: str, problem: RecordingError) -> int:
+    print(f"dataset {command}: {harmless(str(problem))}", file=sys.stderr)
     return NOT_ACHIEVED
+
+
+def copy(root: Path, url: str, verify: bool, as_json: bool) -> int:
+    """Copy what a second place lacks. Return 1 if the dataset is damaged or the place cannot be used, else 0."""
+    screen = Screen(as_json)
+    try:
+        place = open_place(url, root)
+        try:
+            done = copy_all(root, place, verify, lambda there, of: screen.count(f"{there}/{of} episodes"))
+        finally:
+            place.close()
+            screen.clear()
+    except (DamagedError, PlaceError) as problem:
+        return _not_achieved("copy", problem)
+    except RecordingError as problem:
+        raise Problem(f"dataset copy: {harmless(str(problem))}") from problem
+    if as_json:
+        print(json.dumps(msgspec.to_builtins(done)))
+    else:
+        if done.uncounted:
+            print(f"files of no episode, and LeRobot would read them: {harmless(', '.join(done.uncounted))}")
+        print(f"{harmless(done.place)}: {done.episodes} episodes, {done.copied} of them copied now, "
+              f"{done.bytes / 1e6:.1f} MB")  # fmt: skip
+    return 0
 
 
 def compact(root: Path, out: Path, as_json: bool) -> int:

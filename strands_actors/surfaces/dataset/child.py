@@ -68,6 +68,8 @@ def main() -> int:
         return _fail(_first(group))
     except (RecordingError, OSError) as problem:
         return _fail(problem)
+    if summary.not_copied:
+        _say(Event("not_copied", text=summary.not_copied))
     _say(Event("ended", text=". ".join(filter(None, (f"{order.robot}: {summary.ended}", summary.remaining)))))
     return 0
 

@@ -20,6 +20,7 @@ class Order(msgspec.Struct, frozen=True):
             dataset.
         episodes: Number of episodes after which the recording ends. None means no limit.
         seconds: Length of an episode, if episodes begin and end automatically. None means on command.
+        copy_to: The second place, to which finished episodes are copied. Empty for none.
     """
 
     robot: str
@@ -30,6 +31,7 @@ class Order(msgspec.Struct, frozen=True):
     codec: str | None = None
     episodes: int | None = None
     seconds: float | None = None
+    copy_to: str = ""
 
 
 class State(enum.StrEnum):
@@ -42,8 +44,8 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True):
     """An event of a recording, for the operator or a script.
 
     Attributes:
-        type: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``alive`` is a
-            heartbeat.
+        type: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``copy`` is news of the
+            second place, ``not_copied`` states at the end what it lacks; ``alive`` is a heartbeat.
         episode: The number of the episode.
         frames: The number of frames in the episode.
         defects: The defects of the episode as text.
