@@ -15,6 +15,7 @@ import typer
 from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
+from .dataset_verbs import datasets
 from .errors import Problem
 from .options import (
     All,
@@ -587,93 +588,7 @@ def record(
     raise typer.Exit(run(robot, out, seconds, as_json=json))
 
 
-datasets = typer.Typer(name="dataset", help="Datasets that `record --dataset` wrote.", add_completion=False)
 app.add_typer(datasets)
-DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the dataset.")]
-
-
-@datasets.command("show")
-def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
-    """List the episodes of a dataset, and their defects."""
-    from .dataset import show as run
-
-    raise typer.Exit(run(root, as_json=json))
-
-
-@datasets.command("play")
-def play_dataset(
-    root: DatasetDirectory,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")],
-    episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
-    units: Annotated[
-        str, typer.Option(metavar="UNIT|normalized", help="Unit of the numbers, if the dataset states none.")
-    ] = "",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Energise the robot first, also after an e-stop.")
-    ] = False,
-    mesh: Mesh = None,
-    json: Json = False,
-) -> None:
-    """Move a robot along a recorded episode. No other program may command the robot."""
-    from .play import play as run
-
-    raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
-
-
-@datasets.command("repair")
-def repair_dataset(
-    root: DatasetDirectory,
-    drop: Annotated[
-        bool, typer.Option("--drop", help="Remove unfinished episodes instead of saving them.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Save the episodes that a killed recorder has left unfinished."""
-    from .dataset import repair as run
-
-    raise typer.Exit(run(root, drop, as_json=json))
-
-
-@datasets.command("copy")
-def copy_dataset(
-    root: DatasetDirectory,
-    place: Annotated[
-        str,
-        typer.Argument(metavar="PLACE", help="A folder, s3://BUCKET/FOLDER or hf://datasets/USER/NAME."),
-    ],
-    verify: Annotated[
-        bool, typer.Option("--verify", help="Also read every file there, and replace those that differ.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Copy the episodes that a second place lacks."""
-    from .dataset import copy as run
-
-    raise typer.Exit(run(root, place, verify, as_json=json))
-
-
-@datasets.command("compact")
-def compact_dataset(
-    root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
-    json: Json = False,
-) -> None:
-    """Copy a dataset into few large files, as LeRobot does."""
-    from .dataset import compact as run
-
-    raise typer.Exit(run(root, out, as_json=json))
-
-
-@datasets.command("convert")
-def convert_dataset(
-    root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
-    json: Json = False,
-) -> None:
-    """Copy a dataset in LeRobot's format 2.0 or 2.1, and convert the copy to version 3."""
-    from .dataset import convert as run
-
-    raise typer.Exit(run(root, out, as_json=json))
 
 
 @app.command()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,9 +15,6 @@ from rich.table import Table
 from rich.text import Text
 
 from strands_actors.contract.shown import harmless
-from strands_actors.surfaces.dataset.compact import compact as make_compact
-from strands_actors.surfaces.dataset.compact import convert as do_convert
-from strands_actors.surfaces.dataset.copying import Copied
 from strands_actors.surfaces.dataset.dataset import STRAYS
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
@@ -34,8 +30,6 @@ from strands_actors.surfaces.dataset.run import (
     give_way,
     record_episodes,
 )
-from strands_actors.surfaces.dataset.second.bring import copy_all
-from strands_actors.surfaces.dataset.second.place import PlaceError, open_place
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
@@ -244,7 +238,7 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     try:
         report = do_repair(root, drop)
     except DamagedError as damage:
-        return _not_achieved("repair", damage)
+        return not_achieved("repair", damage)
     except (RecordingError, OSError) as problem:
         raise Problem(f"dataset repair: {harmless(str(problem))}") from problem
     if as_json:
@@ -267,56 +261,6 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     return 0 if report.is_sound else NOT_ACHIEVED
 
 
-def _not_achieved(command: str, problem: RecordingError) -> int:
+def not_achieved(command: str, problem: RecordingError) -> int:
     print(f"dataset {command}: {harmless(str(problem))}", file=sys.stderr)
     return NOT_ACHIEVED
-
-
-def copy(root: Path, url: str, verify: bool, as_json: bool) -> int:
-    """Copy what a second place lacks. Return 1 if the dataset is damaged or the place cannot be used, else 0."""
-    screen = Screen(as_json)
-    try:
-        place = open_place(url, root)
-        try:
-            done = copy_all(root, place, verify, lambda there, of: screen.count(f"{there}/{of} episodes"))
-        finally:
-            place.close()
-            screen.clear()
-    except (DamagedError, PlaceError) as problem:
-        return _not_achieved("copy", problem)
-    except RecordingError as problem:
-        raise Problem(f"dataset copy: {harmless(str(problem))}") from problem
-    if as_json:
-        print(json.dumps(msgspec.to_builtins(done)))
-    else:
-        if done.uncounted:
-            print(f"files of no episode, and LeRobot would read them: {harmless(', '.join(done.uncounted))}")
-        print(f"{harmless(done.place)}: {done.episodes} episodes, {done.copied} of them copied now, "
-              f"{done.bytes / 1e6:.1f} MB")  # fmt: skip
-    return 0
-
-
-def compact(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset into few files. Return 1 if the dataset is damaged, else 0."""
-    return _copy("compact", make_compact, root, out, as_json)
-
-
-def convert(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset of version 2, and convert the copy to version 3. Return 1 if the dataset is damaged, else
-    0."""
-    return _copy("convert", do_convert, root, out, as_json)
-
-
-def _copy(command: str, make: Callable[[Path, Path], Copied], root: Path, out: Path, as_json: bool) -> int:
-    try:
-        done = make(root, out)
-    except DamagedError as damage:
-        return _not_achieved(command, damage)
-    except (RecordingError, OSError) as problem:
-        raise Problem(f"dataset {command}: {harmless(str(problem))}") from problem
-    if as_json:
-        print(json.dumps(msgspec.to_builtins(done)))
-    else:
-        print(f"{done.copy}: {done.episodes} episodes, {done.frames} frames in {done.files} files "
-              f"instead of {done.files_before}, {done.bytes / 1e6:.1f} MB")  # fmt: skip
-    return 0

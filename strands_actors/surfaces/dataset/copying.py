@@ -1,6 +1,6 @@
-"""Copy a dataset into few large files, as LeRobot does. The source is not changed.
+"""Copy episodes of one or several datasets into few large files, as LeRobot does. The sources are not changed.
 
-Every frame of the copy is read and compared with the source. The copy is made in a temporary folder. At the end
+Every frame of the copy is read and compared with its source. The copy is made in a temporary folder. At the end
 this folder gets the final name, so that an incomplete copy never has this name.
 """
 
@@ -9,29 +9,55 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pyarrow as pa
-
-from strands_actors.contract.shown import shown
+from numpy.typing import NDArray
 
 from .check import check
 from .episode import Quality, index_table
 from .errors import DamagedError, DatasetError
-from .index import Index
+from .grouping import common_schema, groups_of, slotted
+from .index import RESTORE, Index
 from .info import Info
 from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, tasks_table
 from .rows import EpisodeRow, VideoSpan, frames_of
 from .statistics import PictureStatistics, Statistics, aggregate, of_column
 from .storage import STAGED_SUFFIX, Storage
-from .tables import integers, is_list, is_same, parquet, read_schema, refuse_damage
+from .tables import integers, is_list, is_same, parquet, refuse_damage
 from .video import Span, concatenate, decode_image, pictures_of, setup_of
 
-MB = 1_000_000
+RENUMBERED = ("episode_index", "index", "task_index")
+"""Columns that a copy may number anew."""
+
+
+class Chosen(msgspec.Struct, frozen=True):
+    """An episode that is copied.
+
+    Attributes:
+        index: The dataset of the episode.
+        number: Its number there.
+        task: Its new task. None keeps its tasks.
+        mark: Its new mark. None keeps its mark.
+    """
+
+    index: Index
+    number: int
+    task: str | None = None
+    mark: str | None = None
+
+    @property
+    def row(self) -> EpisodeRow:
+        return self.index.rows[self.number]
+
+    @property
+    def quality(self) -> Quality:
+        quality = self.index.quality.get(self.number, Quality())
+        return quality if self.mark is None else msgspec.structs.replace(quality, mark=self.mark)
 
 
 class Copied(msgspec.Struct, frozen=True):
@@ -47,11 +73,16 @@ class Copied(msgspec.Struct, frozen=True):
 class _New(msgspec.Struct):
     """An episode that is being copied: its rows in the indexes of the source and of the copy."""
 
+    chosen: Chosen
     source: EpisodeRow
     row: EpisodeRow
     # The number of the episode's file in the copy. The keys are "data" and the key of each video.
     slots: dict[str, FileSlot]
     pictures: dict[str, int]  # A checksum of the episode's pictures, by the key of each video.
+
+    @property
+    def root(self) -> Path:
+        return self.chosen.index.root
 
 
 def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: Storage | None = None) -> Copied:
@@ -67,9 +98,36 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
         DamagedError: An episode is damaged, or a frame of the copy differs from its source.
         DatasetError: The folder of the copy exists, or the temporary folder exists.
     """
-    storage = storage or Storage()
     index.require_certain()
     check(index).require_sound(index.root)
+    chosen = [Chosen(index, number) for number in sorted(index.rows)]
+    return copy_episodes(chosen, copy, index.info, document, index.tasks, storage)
+
+
+def copy_episodes(
+    chosen: Sequence[Chosen],
+    copy: Path,
+    info: Info | None,
+    document: dict[str, Any],
+    tasks: Sequence[str] = (),
+    storage: Storage | None = None,
+) -> Copied:
+    """Copy episodes in the given order.
+
+    Args:
+        chosen: The episodes. Their datasets must have the same features, and the episodes must not be damaged.
+        copy: The folder of the copy, which must not exist.
+        info: The features and the rate of the episodes.
+        document: The contents of the copy's ``info.json``. The totals are added.
+        tasks: Tasks that the copy has in any case. Others get the next numbers.
+        storage: The disk; a test may replace it.
+
+    Raises:
+        DamagedError: A frame of the copy differs from its source.
+        DatasetError: The folder of the copy exists, or the temporary folder exists.
+    """
+    assert info is not None
+    storage = storage or Storage()
     if copy.exists():
         raise DatasetError(f"{copy} exists already. Give another name, or remove it")
     staged = copy.with_name(copy.name + STAGED_SUFFIX)
@@ -79,7 +137,8 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
         reason = "another copy is being made, or a copy was interrupted"
         raise DatasetError(f"{staged} exists already: {reason}. Give another name, or remove it") from None
     try:
-        files = _Copy(index, staged, document).write()
+        made = _Copy(chosen, staged, info, document, tasks)
+        files = made.write()
         for path in files:
             storage.sync_path(path)
         os.rename(staged, copy)
@@ -88,26 +147,42 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
         raise
     storage.sync_path(copy.parent)
     size = sum(path.stat().st_size for path in copy.rglob("*") if path.is_file())
-    before = sum(path.is_file() and STAGING.name not in path.parts for path in index.root.rglob("*"))
-    return Copied(str(index.root), str(copy), len(index.rows), index.frames, before, len(files), size)
+    roots = list(dict.fromkeys(each.index.root for each in chosen))
+    before = sum(path.is_file() and STAGING.name not in path.parts for root in roots for path in root.rglob("*"))
+    names = ", ".join(map(str, roots))
+    return Copied(names, str(copy), len(chosen), made.frames, before, len(files), size)
+
+
+def damage_of(index: Index) -> dict[int, str]:
+    """Read a whole dataset. Return why episodes are damaged, by number. Raise ``DamagedError`` if it is not certain
+    which episodes it has."""
+    index.require_certain()
+    return check(index).damaged
+
+
+def require_sound(index: Index, damaged: Mapping[int, str], numbers: Iterable[int]) -> None:
+    """Raise ``DamagedError`` if one of these episodes is damaged."""
+    for number in numbers:
+        if number in damaged:
+            raise DamagedError(f"{index.root}: episode {number} is damaged: {damaged[number]}. {RESTORE}")
 
 
 class _Copy:
     """One copy in progress."""
 
-    def __init__(self, index: Index, staged: Path, document: dict[str, Any]) -> None:
-        assert index.info is not None
-        self._index = index
-        self._info: Info = index.info
+    def __init__(
+        self, chosen: Sequence[Chosen], staged: Path, info: Info, document: dict[str, Any], tasks: Sequence[str]
+    ) -> None:
+        self._info = info
         self._staged = staged
         self._document = document
-        first = 0
+        self._tasks = list(tasks)
+        self.frames = 0
         self._episodes: list[_New] = []
-        for number in sorted(index.rows):
-            row = index.rows[number]
-            self._episodes.append(_New(row, msgspec.structs.replace(row, first=first), {}, {}))
-            first += row.frames
-        self._frames = first
+        for number, each in enumerate(chosen):
+            row = msgspec.structs.replace(each.row, number=number, first=self.frames)
+            self._episodes.append(_New(each, each.row, row, {}, {}))
+            self.frames += row.frames
         self._schema = pa.schema([])
 
     def write(self) -> list[Path]:
@@ -118,23 +193,24 @@ class _Copy:
             self._write_videos(key)
         statistics = [self._statistics_of(episode) for episode in self._episodes]
         merged = aggregate(statistics)
-        total = merged or self._index.statistics()
+        total = merged or (self._episodes[0].chosen.index.statistics() if self._episodes else {})
         self._write(STATS, lambda file: file.write(json.dumps(total, indent=4).encode()))
-        tasks = self._index.tasks
-        self._write(TASKS, parquet(tasks_table(tasks)))
+        self._write(TASKS, parquet(tasks_table(self._tasks)))
         if self._episodes:
             rows = [
                 self._row(episode, {key: each[key] for key in merged})
                 for episode, each in zip(self._episodes, statistics, strict=True)
             ]
             quality = {
-                episode.row.number: msgspec.structs.replace(
-                    self._index.quality.get(episode.row.number, Quality()), pictures=episode.pictures
-                )
+                episode.row.number: msgspec.structs.replace(episode.chosen.quality, pictures=episode.pictures)
                 for episode in self._episodes
             }
             self._write(FileSlot(0, 0).episodes, parquet(index_table(rows, quality)))
-        totals = {"total_episodes": len(self._episodes), "total_frames": self._frames, "total_tasks": len(tasks)}
+        totals = {
+            "total_episodes": len(self._episodes),
+            "total_frames": self.frames,
+            "total_tasks": len(self._tasks),
+        }
         document = self._document | totals | {"splits": {"train": f"0:{len(self._episodes)}"}}
         self._write(INFO, lambda file: file.write(json.dumps(document, indent=4).encode()))
         self._verify()
@@ -149,49 +225,64 @@ class _Copy:
     # -- data
 
     def _write_data(self) -> None:
-        paths = [self._index.root / episode.source.data for episode in self._episodes]
+        paths = [episode.root / episode.source.data for episode in self._episodes]
         shared = {path: paths.count(path) for path in set(paths)} if len(set(paths)) < len(paths) else {}
         sizes = [path.stat().st_size // shared.get(path, 1) for path in paths]
-        self._schema = _common_schema(self._index.root, [episode.source.data for episode in self._episodes])
-        for slot, group in _slotted(_groups(sizes, DATA_MB)):
+        self._schema = common_schema(paths)
+        for slot, group in slotted(groups_of(sizes, DATA_MB)):
             tables = []
             for number in group:
                 episode = self._episodes[number]
                 table = self._frames_of(episode)
                 tables.append(table)
                 episode.slots["data"] = slot
-                tasks = episode.row.tasks or tuple(
-                    self._index.tasks[task_number] for task_number in np.unique(integers(table, "task_index"))
-                )
+                tasks = (episode.chosen.task,) if episode.chosen.task is not None else episode.row.tasks
+                tasks = tasks or tuple(self._tasks[number] for number in np.unique(integers(table, "task_index")))
                 episode.row = msgspec.structs.replace(episode.row, data=slot.data, tasks=tasks)
-            with refuse_damage(self._index.root):
+            with refuse_damage(self._staged):
                 self._write(slot.data, parquet(*tables))
 
     def _frames_of(self, episode: _New) -> pa.Table:
         """Return the frames of an episode as the copy has them: numbered anew, with the column types that all
         files share."""
-        table = frames_of(self._index.root, episode.source)
-        numbers = pa.array(np.arange(episode.row.first, episode.row.first + table.num_rows))
-        column = table.schema.get_field_index("index")
-        table = table.set_column(column, "index", numbers) if column >= 0 else table.append_column("index", numbers)
-        with refuse_damage(self._index.root / episode.source.data):
+        table = frames_of(episode.root, episode.source)
+        with refuse_damage(episode.root / episode.source.data):
+            first = np.arange(episode.row.first, episode.row.first + table.num_rows)
+            table = _with_column(table, "index", first)
+            table = _with_column(table, "episode_index", np.full(table.num_rows, episode.row.number))
+            if "task_index" in table.column_names:
+                table = _with_column(table, "task_index", self._task_numbers(episode.chosen, table))
             return table.select(self._schema.names).cast(self._schema)
+
+    def _task_numbers(self, chosen: Chosen, table: pa.Table) -> NDArray[np.int64]:
+        """Return the number of each frame's task in the copy. A task that is new there gets the next number."""
+        before = integers(table, "task_index")
+        numbers = before.copy()
+        for number in np.unique(before):
+            has_name = 0 <= number < len(chosen.index.tasks)
+            task = chosen.task if chosen.task is not None else chosen.index.tasks[number] if has_name else None
+            if task is None:  # A dataset without a list of tasks.
+                continue
+            if task not in self._tasks:
+                self._tasks.append(task)
+            numbers[before == number] = self._tasks.index(task)
+        return numbers
 
     # -- videos
 
     def _write_videos(self, key: str) -> None:
         fps = self._info.fps
-        paths = [self._index.root / episode.source.videos[key].path for episode in self._episodes]
+        paths = [episode.root / episode.source.videos[key].path for episode in self._episodes]
         shared = {path: paths.count(path) for path in set(paths)} if len(set(paths)) < len(paths) else {}
         sizes = [path.stat().st_size // shared.get(path, 1) for path in paths]
         setups = {path: setup_of(path) for path in set(paths)}
-        for slot, group in _slotted(_groups(sizes, VIDEO_MB, [setups[path] for path in paths])):
+        for slot, group in slotted(groups_of(sizes, VIDEO_MB, [setups[path] for path in paths])):
             name = slot.video(key)
             (self._staged / name).parent.mkdir(parents=True, exist_ok=True)
             episodes = [self._episodes[number] for number in group]
             spans = [
                 Span(
-                    self._index.root / episode.source.videos[key].path,
+                    episode.root / episode.source.videos[key].path,
                     _first(episode, key, fps),
                     episode.source.frames,
                 )
@@ -219,25 +310,35 @@ class _Copy:
         }
         missing = [key for key in self._info.features if key not in by_feature] if self._info.is_older else []
         if missing:
-            table = frames_of(self._index.root, episode.source)
+            table = frames_of(episode.root, episode.source)
             for key in missing:
-                if statistics := self._computed(key, table, episode.source):
+                if statistics := self._computed(key, table, episode):
                     by_feature[key] = statistics
+        if self._is_renumbered(episode):
+            table = self._frames_of(episode)
+            for key in by_feature.keys() & set(RENUMBERED):
+                by_feature[key] = of_column(integers(table, key))
         return by_feature
 
-    def _computed(self, key: str, table: pa.Table, row: EpisodeRow) -> Statistics | None:
+    def _is_renumbered(self, episode: _New) -> bool:
+        source, row, before = episode.source, episode.row, episode.chosen.index.tasks
+        is_same_task = episode.chosen.task is None and self._tasks[: len(before)] == before
+        return (source.number, source.first) != (row.number, row.first) or not is_same_task
+
+    def _computed(self, key: str, table: pa.Table, episode: _New) -> Statistics | None:
+        row = episode.source
         dtype = self._info.features[key].dtype
         if dtype in ("video", "image"):
             pictures = PictureStatistics()
             images: Iterable[Any] = (
-                pictures_of(self._index.root / row.videos[key].path)
+                pictures_of(episode.root / row.videos[key].path)
                 if dtype == "video"
                 else (decode_image(io.BytesIO(cell["bytes"])) for cell in table[key].to_pylist())
             )
             for picture in images:
                 pictures.add(picture)
             return pictures.statistics()
-        with refuse_damage(self._index.root / row.data):
+        with refuse_damage(episode.root / row.data):
             values = table[key].combine_chunks()
             while is_list(values.type):
                 values = values.flatten()
@@ -278,64 +379,23 @@ class _Copy:
         copied.require_certain()
         result = check(copied)
         result.require_sound(self._staged)
-        if result.faults or (copied.total, copied.frames) != (len(self._index.rows), self._index.frames):
-            raise DamagedError(f"the copy has {copied.frames} frames of {self._index.frames}: {result.faults[:1]}")
+        if result.faults or (copied.total, copied.frames) != (len(self._episodes), self.frames):
+            raise DamagedError(f"the copy has {copied.frames} frames of {self.frames}: {result.faults[:1]}")
         for episode in self._episodes:
             written = frames_of(self._staged, copied.rows[episode.row.number])
             if not is_same(written, self._frames_of(episode)):
                 raise DamagedError(
-                    f"episode {episode.row.number} has other values in the copy than in {episode.source.data}"
+                    f"episode {episode.row.number} has other values in the copy than in "
+                    f"{episode.root / episode.source.data}"
                 )
+
+
+def _with_column(table: pa.Table, name: str, values: NDArray[Any]) -> pa.Table:
+    place = table.schema.get_field_index(name)
+    if place < 0:
+        return table.append_column(name, pa.array(values))
+    return table.set_column(place, name, pa.array(values))
 
 
 def _first(episode: _New, key: str, fps: float) -> int:
     return round(episode.source.videos[key].start_s * fps)
-
-
-def _common_schema(root: Path, paths: Sequence[Path]) -> pa.Schema:
-    """Return the columns that all data files have, each with a type that can hold the values of every file.
-
-    Raises:
-        DatasetError: A file has other columns than the first file, or the types of a column do not fit
-            together.
-    """
-    common = pa.schema([])
-    for path in dict.fromkeys(paths):
-        schema = read_schema(root / path)
-        column = schema.get_field_index("index")
-        number = pa.field("index", pa.int64())
-        schema = schema.set(column, number) if column >= 0 else schema.append(number)
-        if strange := sorted(set(schema.names) ^ set(common.names)) if common.names else []:
-            verb = "has" if strange[0] in schema.names else "lacks"
-            raise DatasetError(
-                f"{root / path} {verb} the column {shown(strange[0])}, "
-                f"unlike {paths[0]}. Give all data files the same columns"
-            )
-        with refuse_damage(root / path):
-            common = pa.unify_schemas([common, schema], promote_options="permissive") if common.names else schema
-    return common
-
-
-def _groups(sizes: Sequence[int], most_mb: float, kinds: Sequence[bytes] = ()) -> Iterator[list[int]]:
-    """Divide a sequence of items into groups. Yield the indexes of each group.
-
-    The items of a group follow each other, fit into one file together, and are of the same kind.
-    """
-    group: list[int] = []
-    size = 0
-    for number, more in enumerate(sizes):
-        is_other = bool(kinds) and bool(group) and kinds[number] != kinds[group[0]]
-        if group and (is_other or size + more > most_mb * MB):
-            yield group
-            group, size = [], 0
-        group.append(number)
-        size += more
-    if group:
-        yield group
-
-
-def _slotted(groups: Iterator[list[int]]) -> Iterator[tuple[FileSlot, list[int]]]:
-    slot = FileSlot(0, 0)
-    for group in groups:
-        yield slot, group
-        slot = slot.next

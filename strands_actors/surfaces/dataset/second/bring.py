@@ -17,9 +17,10 @@ from typing import Any
 import msgspec
 
 from strands_actors.surfaces.dataset.check import check
+from strands_actors.surfaces.dataset.compact import open_newest
 from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.index import RESTORE, Index, files_of
-from strands_actors.surfaces.dataset.info import VERSION, Info, decode_info
+from strands_actors.surfaces.dataset.info import Info, decode_info
 from strands_actors.surfaces.dataset.layout import INFO, STATS, TASKS, difference_of, is_own_name
 from strands_actors.surfaces.dataset.storage import Lock
 
@@ -62,9 +63,7 @@ def copy_all(root: Path, place: Place, verify: bool, progress: Callable[[int, in
         DatasetError: The folder is not a dataset, or the place has another one.
         PlaceError: The place cannot be used at the moment.
     """
-    index = Index(root)
-    if index.info is None:
-        raise DatasetError(f"{root} is not a dataset, because it has no {INFO}. Give the folder of a dataset")
+    index, _ = open_newest(root)
     index.require_certain()
     check(index).require_sound(root)
     return bring(index, place, verify, progress)
@@ -113,11 +112,6 @@ def _bring(index: Index, place: Place, verify: bool, progress: Callable[[int, in
 def _counted(index: Index, place: Place, files: Mapping[str, int]) -> int:
     """Return how many episodes the place counts. Raise ``DatasetError`` if it has episodes of another dataset."""
     assert index.info is not None
-    if index.info.is_older:
-        raise DatasetError(
-            f"{index.root} has version {index.info.codebase_version}, and only {VERSION} can be copied. "
-            "Make a converted copy with `strands-actors dataset convert`"
-        )
     ours = {name for number in index.rows for name in _files(index, number)}
     if str(INFO) not in files:
         if strange := sorted(name for name in files if is_own_name(Path(name)) and name not in ours):
