@@ -142,3 +142,18 @@ def merge_datasets(
     from .dataset_copies import merge as run
 
     raise typer.Exit(run(roots, out, as_json=json))
+
+
+@datasets.command("report")
+def report_dataset(
+    root: DatasetDirectory,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="The page. Default: DIR.html beside DIR."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Write a page about the quality of a dataset: pictures, lengths, ranges, jerks, duplicates, outliers."""
+    from .dataset_report import report as run
+
+    raise typer.Exit(run(root, out, as_json=json))

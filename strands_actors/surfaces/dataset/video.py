@@ -333,3 +333,13 @@ def decode_image(file: IO[bytes]) -> NDArray[np.uint8]:
             return cast(NDArray[np.uint8], next(container.decode(video=0)).to_ndarray(format="rgb24"))
     except (VideoError, StopIteration, IndexError, ValueError) as damage:
         raise DatasetError(f"a picture cannot be read: {damage}") from damage
+
+
+def encode_image(picture: NDArray[np.uint8], width: int) -> bytes:
+    """Return a picture as a JPEG of about this width in pixels."""
+    height = max(2, round(width * picture.shape[0] / picture.shape[1] / 2) * 2)
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+    encoder = cast(Any, av.CodecContext.create("mjpeg", "w"))
+    encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = width, height, "yuvj420p", Fraction(1)
+    packets = encoder.encode(frame.reformat(width=width, height=height, format="yuvj420p"))
+    return b"".join(map(bytes, [*packets, *encoder.encode(None)]))
