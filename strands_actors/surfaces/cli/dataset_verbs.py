@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .errors import Problem
 from .options import Json, Mesh
 
 datasets = typer.Typer(name="dataset", help="Datasets that `record --dataset` wrote.", add_completion=False)
@@ -25,7 +26,9 @@ def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
 @datasets.command("play")
 def play_dataset(
     root: DatasetDirectory,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")],
+    robot: Annotated[
+        str | None, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")
+    ] = None,
     episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
     units: Annotated[
         str, typer.Option(metavar="UNIT|normalized", help="Unit of the numbers, if the dataset states none.")
@@ -33,12 +36,22 @@ def play_dataset(
     resume: Annotated[
         bool, typer.Option("--resume", help="Energise the robot first, also after an e-stop.")
     ] = False,
+    twin: Annotated[
+        bool, typer.Option("--twin", help="Play on a simulated robot, of the type that the dataset states.")
+    ] = False,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
     """Move a robot along a recorded episode. No other program may command the robot."""
     from .play import play as run
+    from .play import play_on_twin
 
+    if twin:
+        if resume or mesh is not None:
+            raise Problem("dataset play: --twin starts a robot of its own. Leave --resume and --mesh out")
+        raise typer.Exit(play_on_twin(root, robot, episode, units, as_json=json))
+    if robot is None:
+        raise Problem("dataset play: give the name of a running robot, or --twin")
     raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
 
 
