@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from strands_actors.surfaces.dataset.dataset import Dataset
-from strands_actors.surfaces.dataset.layout import CameraShape, Layout
+from strands_actors.surfaces.dataset.layout import STAGING, CameraShape, Layout
 from strands_actors.surfaces.dataset.staging import StagedEpisode
 
 from .made import LAYOUT, begin, fill, row
@@ -36,3 +36,9 @@ def grown(
         dataset.commit(episode.folder)
     dataset.close()
     return root
+
+
+def files_of(root: Path) -> dict[str, bytes]:
+    """Return the contents of each file of a dataset, without unfinished episodes."""
+    files = (path for path in root.rglob("*") if path.is_file() and STAGING.name not in path.parts)
+    return {str(path.relative_to(root)): path.read_bytes() for path in files}

@@ -22,7 +22,7 @@ from strands_actors.surfaces.dataset.storage import Lock, Storage
 
 from .buckets import bucket
 from .made import info_of
-from .quick import grown
+from .quick import files_of, grown
 
 INFO = "meta/info.json"
 
@@ -63,10 +63,6 @@ def contents(place: Place) -> dict[str, bytes]:
         with place.open(name) as file:
             found[name] = file.read()
     return found
-
-
-def files_of(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
 def downloaded(url: str, root: Path, into: Path) -> Path:

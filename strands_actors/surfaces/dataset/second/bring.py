@@ -84,8 +84,7 @@ def _bring(index: Index, place: Place, verify: bool, progress: Callable[[int, in
     copied = written = there = 0
     progress(counted, of)
     for number in sorted(index.rows):
-        names = _files(index, number)
-        lacking = [name for name in names if not _has(index.root, place, files, name, verify)]
+        lacking = [name for name in _files(index, number) if not _has(index.root, place, files, name, verify)]
         sources: dict[str, Source] = {name: index.root / name for name in lacking}
         if lacking or number >= counted:
             counting = _counting(index, number + 1)

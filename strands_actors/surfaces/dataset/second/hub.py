@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Iterator, Mapping
-from typing import IO, cast
+from typing import IO
 
 from strands_actors.contract.extras import missing
 from strands_actors.surfaces.dataset.errors import DatasetError
@@ -20,15 +21,13 @@ class Hub:
     def __init__(self, url: str) -> None:
         if reason := missing("hub", "a copy on the Hub"):
             raise DatasetError(reason)
-        from huggingface_hub import HfApi, HfFileSystem
+        from huggingface_hub import HfApi
 
         self.url = url
         self._name = url.removeprefix(HUB).strip("/")
         self._api = HfApi()
         with self._reaching():
             self._api.create_repo(self._name, repo_type="dataset", private=True, exist_ok=True)
-        # Without a cache of listings, a file that was just committed is found.
-        self._files = HfFileSystem(use_listings_cache=False, skip_instance_cache=True)
 
     def sizes(self) -> dict[str, int]:
         from huggingface_hub.hf_api import RepoFile
@@ -39,8 +38,12 @@ class Hub:
 
     @contextlib.contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
-        with self._reaching(), self._files.open(f"datasets/{self._name}/{name}", "rb") as file:
-            yield cast(IO[bytes], file)
+        # Into a folder of its own, because the client's cache would keep every file that is compared.
+        with tempfile.TemporaryDirectory() as folder:
+            with self._reaching():
+                path = self._api.hf_hub_download(self._name, name, repo_type="dataset", local_dir=folder)
+            with open(path, "rb") as file:
+                yield file
 
     def put(self, files: Mapping[str, Source], note: str) -> None:
         from huggingface_hub import CommitOperationAdd
