@@ -1,4 +1,4 @@
-"""The report names what may harm a training, and is one page without foreign code."""
+"""The report names episodes that may harm a training, and is one page without foreign code."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def picture(number: int, level: int = 120, corner: int = 0) -> Picture:
 
 
 class Recorded:
-    """One episode, and what is wrong with it."""
+    """One episode, and its defects."""
 
     frames = FRAMES
     task = "wave"

@@ -1,5 +1,5 @@
-"""A recorder that streams to a second place is killed at any moment, or the place fails. No finished episode is
-missing there, none is there twice, and the recording goes on."""
+"""A recorder that streams to a second place is killed at any moment, or the place fails. Each finished
+episode is there once, and the recording goes on."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def finished_until_killed(root: Path, url: str, rng: random.Random) -> int:
 
 
 def resumed(root: Path, url: str) -> None:
-    """Copy what is missing, as soon as the process of a killed recorder has ended."""
+    """Copy the missing episodes, as soon as the process of a killed recorder has ended."""
     until = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -88,7 +88,7 @@ def kill_often(root: Path, url: str, kills: int, seed: int) -> int:
     finished = 0
     for _ in range(kills):
         finished += finished_until_killed(root, url, rng)
-        Dataset(root).close()  # as the next recorder does: commits what was finished
+        Dataset(root).close()  # The next recorder does this: it commits finished episodes.
         episodes = len(Index(root).episodes)
         assert episodes == finished
         resumed(root, url)

@@ -48,11 +48,11 @@ class Finding(msgspec.Struct, frozen=True):
     """One finding.
 
     Attributes:
-        kind: What was found.
+        kind: The kind of the finding.
         episode: The episode. -1 for the whole dataset.
         name: The joint, camera or source that it is about. Empty for the whole episode.
-        value: The figure, or a count, or the number of the other episode. None if there is none.
-        usual: The median of the figure over all episodes. None if there is none.
+        value: The figure, or a count, or the number of the other episode. None for a kind without a value.
+        usual: The median of the figure over all episodes. None for a kind without one.
         text: A text from a file, such as a mark or the reason of a damage.
     """
 

@@ -1,4 +1,4 @@
-"""Read every frame and picture of a dataset, and describe its episodes and what is unusual about them."""
+"""Read every frame and picture of a dataset, and describe its episodes and their unusual figures."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _joints(info: Info, actions: Mapping[int, Numbers]) -> list[Joint]:
 
 
 def _notes(index: Index, rows: Mapping[int, EpisodeRow]) -> Iterator[Finding]:
-    """Yield what the recorder and ``dataset label`` have noted."""
+    """Yield the notes of the recorder and of ``dataset label``."""
     for number in rows:
         if number in index.quality:
             quality = index.quality[number]

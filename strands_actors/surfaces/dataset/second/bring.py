@@ -1,4 +1,4 @@
-"""Copy the episodes that a second place lacks, and compare what was written.
+"""Copy the episodes that a second place lacks, and compare the written files.
 
 The second place is a dataset with the same files as the first. The files of an episode are written and read back,
 and then ``info.json``, which counts the episode. So a killed copy leaves only complete episodes that are counted,
@@ -50,7 +50,7 @@ class Brought(msgspec.Struct, frozen=True):
 
 
 def copy_all(root: Path, place: Place, verify: bool, progress: Callable[[int, int], None]) -> Brought:
-    """Copy what the place lacks. First check the whole dataset, so that no damaged file is copied.
+    """Copy the files that the place lacks. First check the whole dataset, so that no damaged file is copied.
 
     Args:
         root: The folder of the dataset.
@@ -72,7 +72,7 @@ def copy_all(root: Path, place: Place, verify: bool, progress: Callable[[int, in
 def bring(
     index: Index, place: Place, verify: bool = False, progress: Callable[[int, int], None] = lambda there, of: None
 ) -> Brought:
-    """Copy what the place lacks, as ``copy_all``, without a check of the dataset's files."""
+    """Copy the files that the place lacks, as ``copy_all``, without a check of the dataset's files."""
     with _only_copy(index.root):
         return _bring(index, place, verify, progress)
 

@@ -34,7 +34,7 @@ Source = Path | bytes
 
 
 class PlaceError(DatasetError):
-    """The second place cannot be used at the moment: it is full, read-only, gone or not reachable. Its files are
+    """The second place cannot be used at the moment. It is full, read-only, gone or not reachable. Its files are
     complete, and copying can go on later."""
 
 
@@ -43,7 +43,7 @@ class Place(Protocol):
 
     Attributes:
         url: The place as the user named it.
-        is_atomic: True if ``put`` writes all its files at once or none.
+        is_atomic: True if ``put`` writes all its files at once, or fails without a change.
     """
 
     url: str
@@ -175,7 +175,7 @@ class Folder:
 
 
 class Objects:
-    """A folder in an object store, or in a file system of fsspec. A file is complete as soon as it is visible."""
+    """A folder in an object store, or in a file system of fsspec. Only complete files are visible."""
 
     is_atomic = False
 

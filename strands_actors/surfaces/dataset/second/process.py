@@ -2,7 +2,7 @@
 
 It looks twice a second whether the dataset has a new episode. It writes a ``Status`` as a line of JSON when
 something changes. It ends when its standard input ends: then the recorder has ended, or was killed. Before, it
-copies what the place still lacks, once.
+copies the missing files, once.
 """
 
 from __future__ import annotations
