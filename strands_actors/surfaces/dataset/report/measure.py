@@ -21,8 +21,8 @@ from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.info import Info
 from strands_actors.surfaces.dataset.layout import ACTION, CAMERA, STATE
-from strands_actors.surfaces.dataset.rows import EpisodeRow, frames_of
-from strands_actors.surfaces.dataset.tables import is_list, refuse_damage
+from strands_actors.surfaces.dataset.rows import EpisodeRow, episodes_of
+from strands_actors.surfaces.dataset.tables import is_list
 from strands_actors.surfaces.dataset.video import decode_image, encode_image, pictures_of
 
 from .figures import Motion, Numbers, Pictures, motion_of
@@ -90,7 +90,8 @@ def measure(root: Path) -> Report:
     index.require_certain()
     damaged = check(index).damaged
     sound = {number: row for number, row in sorted(index.rows.items()) if number not in damaged}
-    tables = {number: _vectors(index, info, row) for number, row in sound.items()}
+    images = [key for key, feature in info.features.items() if feature.dtype == "image"]
+    tables = {row.number: _vectors(table, row) for row, table in episodes_of(root, sound.values(), images)}
     joints = _joints(info, {number: action for number, (action, _) in tables.items()})
     states = [state for _, state in tables.values()]
     spread = np.ptp(np.concatenate(states), axis=0) if states else np.zeros(0)
@@ -129,14 +130,10 @@ def measure(root: Path) -> Report:
     )
 
 
-def _vectors(index: Index, info: Info, row: EpisodeRow) -> tuple[Numbers, Numbers]:
+def _vectors(table: pa.Table, row: EpisodeRow) -> tuple[Numbers, Numbers]:
     """Return the commands and the readings of an episode, with one row for each frame."""
-    images = [key for key, feature in info.features.items() if feature.dtype == "image"]
-    table = frames_of(index.root, row, without=images)
-    with refuse_damage(index.root / row.data):
-        action = _matrix(table, ACTION, row)
-        state = _matrix(table, STATE, row) if STATE in table.column_names else np.zeros((row.frames, 0))
-    return action, state
+    state = _matrix(table, STATE, row) if STATE in table.column_names else np.zeros((row.frames, 0))
+    return _matrix(table, ACTION, row), state
 
 
 def _matrix(table: pa.Table, name: str, row: EpisodeRow) -> Numbers:
@@ -232,9 +229,8 @@ def _pictures(
     """Yield each episode with its pictures, which must be taken before the next episode. Each video is decoded
     once."""
     if info.features[key].dtype == "image":
-        for row in rows.values():
-            cells = frames_of(index.root, row)[key]
-            yield row, (decode_image(io.BytesIO(cell.as_py()["bytes"])) for cell in cells)
+        for row, table in episodes_of(index.root, rows.values()):
+            yield row, (decode_image(io.BytesIO(cell.as_py()["bytes"])) for cell in table[key])
         return
     by_file: dict[Path, list[EpisodeRow]] = defaultdict(list)
     for row in rows.values():

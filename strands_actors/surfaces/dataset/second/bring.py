@@ -64,7 +64,6 @@ def copy_all(root: Path, place: Place, verify: bool, progress: Callable[[int, in
         PlaceError: The place cannot be used at the moment.
     """
     index, _ = open_newest(root)
-    index.require_certain()
     check(index).require_sound(root)
     return bring(index, place, verify, progress)
 
@@ -73,6 +72,7 @@ def bring(
     index: Index, place: Place, verify: bool = False, progress: Callable[[int, int], None] = lambda there, of: None
 ) -> Brought:
     """Copy the files that the place lacks, as ``copy_all``, without a check of the dataset's files."""
+    index.require_certain()
     with _only_copy(index.root):
         return _bring(index, place, verify, progress)
 

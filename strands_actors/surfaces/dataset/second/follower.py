@@ -20,10 +20,10 @@ from strands_actors.surfaces.dataset.errors import DatasetError
 from .process import Status
 
 CHILD = f"{__package__}.process"
-FIRST_S = 10.0
+FIRST_S = 30.0
 """Before the recording begins, wait so long for the first answer, in seconds. Then record nevertheless."""
-AGAIN_S = 1.0
-"""Time before an ended process is started again, in seconds."""
+AGAIN_S = (1.0, 2.0, 5.0, 10.0, 30.0)
+"""Times before an ended process is started again, in seconds. The last one is repeated."""
 LEAVE_S = 20.0
 """Longest time for the last episodes to be copied at the end of a recording, in seconds."""
 
@@ -50,12 +50,14 @@ class Follower:
 
     async def run(self) -> None:
         """Run the process, until it refuses the place or ``leave`` is called."""
+        ends = 0
         try:
             while not self._is_leaving and not self.status.refused:
                 await self._run_once()
                 if not self._is_leaving and not self.status.refused:
                     self._tell(f"the process that copies to {self._url} has ended. It is started again")
-                    await trio.sleep(AGAIN_S)
+                    await trio.sleep(AGAIN_S[min(ends, len(AGAIN_S) - 1)])
+                    ends += 1
         finally:
             self._first.set()
             self._ended.set()

@@ -65,9 +65,9 @@ class Follow:
             except PlaceError as problem:
                 failures += 1
                 self._close()
-                self._tell(Status(self._episodes, problem=str(problem)))
+                self.tell(Status(self._episodes, problem=str(problem)))
             except DatasetError as refusal:
-                self._tell(Status(self._episodes, refused=str(refusal)))
+                self.tell(Status(self._episodes, refused=str(refusal)))
                 return 1
             if is_last:
                 return 0
@@ -87,7 +87,7 @@ class Follow:
         else:
             bring(Index(self._root), self._place, progress=self._progress)
         self._copied = version
-        self._tell(Status(self._episodes))
+        self.tell(Status(self._episodes))
 
     def _version(self) -> object:
         """Return a value that changes with each episode. None if there is no episode."""
@@ -99,9 +99,9 @@ class Follow:
     def _progress(self, there: int, of: int) -> None:
         if there > self._episodes:
             self._episodes = there
-            self._tell(Status(there))
+            self.tell(Status(there))
 
-    def _tell(self, status: Status) -> None:
+    def tell(self, status: Status) -> None:
         if status != self._told:
             self._told = status
             # The recorder may have ended. The end of standard input then ends this process.
@@ -125,7 +125,12 @@ def _ends_within(seconds: float) -> bool:
 
 def main() -> int:
     """Copy the dataset in the folder ``argv[1]`` to the place ``argv[2]``. Return the exit code."""
-    return Follow(Path(sys.argv[1]), sys.argv[2]).run()
+    follow = Follow(Path(sys.argv[1]), sys.argv[2])
+    try:
+        return follow.run()
+    except Exception as failure:  # The recorder shows it, and starts this process again.
+        follow.tell(Status(problem=f"{type(failure).__name__}: {' '.join(str(failure).split())[:300]}"))
+        raise
 
 
 if __name__ == "__main__":
