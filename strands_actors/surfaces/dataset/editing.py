@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .compact import open_newest
-from .copying import Chosen, Copied, copy_episodes, damage_of, require_sound
+from .copied_files import Chosen
+from .copying import Copied, copy_episodes, damage_of, require_sound
 from .errors import DatasetError
 from .index import Index
 from .info import Info

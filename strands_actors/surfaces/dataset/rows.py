@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -140,12 +141,12 @@ def episodes_of(
 ) -> Iterator[tuple[EpisodeRow, pa.Table]]:
     """Yield each episode with its frames, as ``frames_of``. A file that several episodes in a row share is read
     once."""
-    path, table = None, None
-    for row in rows:
-        if row.data != path:
-            path, table = row.data, read_table(root / row.data, without)
-        with refuse_damage(root / row.data):
-            yield row, table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
+    for path, group in itertools.groupby(rows, key=lambda row: row.data):
+        table = read_table(root / path, without)
+        for row in group:
+            with refuse_damage(root / path):
+                frames = table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
+            yield row, frames
 
 
 def slot_stated(row: Mapping[str, Any]) -> FileSlot | None:
