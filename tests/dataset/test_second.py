@@ -16,7 +16,8 @@ from strands_actors.surfaces import cli
 from strands_actors.surfaces.dataset.errors import DamagedError, DatasetError
 from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.second.bring import bring, copy_all
-from strands_actors.surfaces.dataset.second.place import Folder, Place, PlaceError, open_place, require_url
+from strands_actors.surfaces.dataset.second.opening import open_place
+from strands_actors.surfaces.dataset.second.place import Folder, Place, PlaceError, require_url
 from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.storage import Lock, Storage
 

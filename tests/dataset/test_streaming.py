@@ -21,7 +21,8 @@ from strands_actors.surfaces.dataset import DatasetError
 from strands_actors.surfaces.dataset.dataset import Dataset
 from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.second.bring import copy_all
-from strands_actors.surfaces.dataset.second.place import PlaceError, open_place
+from strands_actors.surfaces.dataset.second.opening import open_place
+from strands_actors.surfaces.dataset.second.place import PlaceError
 from strands_actors.surfaces.dataset.show import show
 
 from .buckets import bucket
@@ -38,10 +39,7 @@ def streaming(root: Path, url: str) -> Iterator[tuple[subprocess.Popen[str], int
         [sys.executable, "-m", "tests.dataset.streaming", str(root), url], stdout=subprocess.PIPE, text=True
     ) as recorder:
         try:
-            assert recorder.stdout is not None
-            words = recorder.stdout.readline().split()
-            assert words and words[0] == "process", words
-            yield recorder, int(words[1])
+            yield recorder, int(heard(recorder, "process ").split()[1])
         finally:
             recorder.kill()
 

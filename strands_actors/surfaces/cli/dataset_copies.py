@@ -14,7 +14,8 @@ from strands_actors.surfaces.dataset import editing
 from strands_actors.surfaces.dataset.copying import Copied
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.second.bring import copy_all
-from strands_actors.surfaces.dataset.second.place import PlaceError, open_place
+from strands_actors.surfaces.dataset.second.opening import open_place
+from strands_actors.surfaces.dataset.second.place import PlaceError
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .dataset import Screen, not_achieved

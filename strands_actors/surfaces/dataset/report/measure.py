@@ -214,11 +214,11 @@ def _look(
     """Look at every picture of a camera. Yield the figures, and a few pictures, of each episode."""
     for row, pictures in _pictures(index, info, key, rows):
         figures = Pictures()
-        wanted = set(np.linspace(0, row.frames - 1, SHOWN).round().astype(int).tolist())
+        chosen = set(np.linspace(0, row.frames - 1, SHOWN).round().astype(int).tolist())
         few = []
         for number, picture in enumerate(pictures):
             figures.add(picture, bool(motions[row.number].moving[number]))
-            if number in wanted:
+            if number in chosen:
                 few.append(base64.b64encode(encode_image(picture, WIDTH)).decode())
         yield row.number, figures, few
 

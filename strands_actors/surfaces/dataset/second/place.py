@@ -99,21 +99,6 @@ def absolute_url(place: str | os.PathLike[str]) -> str:
     return text if "://" in text or not text else os.path.abspath(text)
 
 
-def open_place(url: str, root: Path) -> Place:
-    """Open the second place of the dataset in ``root``.
-
-    Raises:
-        DatasetError: The URL or an installed package does not allow it.
-        PlaceError: The place cannot be used at the moment.
-    """
-    require_url(url, root)
-    if url.startswith(HUB):
-        from .hub import Hub
-
-        return Hub(url)
-    return Objects(url) if "://" in url else Folder(url)
-
-
 class Folder:
     """A folder, for example on another disk. Each file is written under another name, synced and renamed."""
 

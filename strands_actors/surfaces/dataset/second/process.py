@@ -21,7 +21,8 @@ from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.layout import INFO
 
 from .bring import bring
-from .place import Place, PlaceError, open_place
+from .opening import open_place
+from .place import Place, PlaceError
 
 LOOK_S = 0.5
 RETRY_S = (1.0, 2.0, 5.0, 10.0, 30.0)
@@ -52,7 +53,7 @@ class Follow:
         self._place: Place | None = None
         self._copied: object = None  # The version of info.json that was copied.
         self._episodes = 0
-        self._told: Status | None = None
+        self._last_status: Status | None = None
 
     def run(self) -> int:
         """Copy until standard input ends. Return the exit code."""
@@ -75,7 +76,7 @@ class Follow:
 
     def _copy(self) -> None:
         version = self._version()
-        if self._told is not None and not self._told.problem and version == self._copied:
+        if self._last_status is not None and not self._last_status.problem and version == self._copied:
             return
         self._place = self._place or open_place(self._url, self._root)
         if version is None:
@@ -102,8 +103,8 @@ class Follow:
             self.tell(Status(there))
 
     def tell(self, status: Status) -> None:
-        if status != self._told:
-            self._told = status
+        if status != self._last_status:
+            self._last_status = status
             # The recorder may have ended. The end of standard input then ends this process.
             with contextlib.suppress(BrokenPipeError):
                 print(msgspec.json.encode(status).decode(), flush=True)
