@@ -1,4 +1,4 @@
-"""What a recording is asked to do, and what it reports: options, events and progress. No I/O."""
+"""The options of a recording, its events and its progress. No I/O."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Order(msgspec.Struct, frozen=True):
             dataset.
         episodes: Number of episodes after which the recording ends. None means no limit.
         seconds: Length of an episode, if episodes begin and end automatically. None means on command.
-        copy_to: The second place, to which finished episodes are copied. Empty for none.
+        copy_to: The second place, to which finished episodes are copied. Empty if there is no such place.
     """
 
     robot: str
@@ -45,7 +45,7 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         type: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``copy`` is news of the
-            second place, ``not_copied`` states at the end what it lacks; ``alive`` is a heartbeat.
+            second place, ``not_copied`` lists at the end the episodes that it lacks; ``alive`` is a heartbeat.
         episode: The number of the episode.
         frames: The number of frames in the episode.
         defects: The defects of the episode as text.

@@ -81,7 +81,9 @@ class Summary(msgspec.Struct, frozen=True):
     # What remains to be repaired, as text. Empty if the last episode is complete.
     remaining: str = msgspec.field(name="left")
     ended: str
-    not_copied: str = ""  # What the second place lacks, as text. Empty if it has every episode, or there is none.
+    not_copied: str = (
+        ""  # The missing episodes of the second place, as text. Empty if it has all, or if no place was given.
+    )
 
 
 def require_order(order: Order) -> None:

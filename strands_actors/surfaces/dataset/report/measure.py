@@ -179,8 +179,8 @@ def _notes(index: Index, rows: Mapping[int, EpisodeRow]) -> Iterator[Finding]:
                 yield Finding(Kind.MARK, number, text=quality.mark)
     for key in index.info.videos if index.info else ():
         sums = {number: index.quality[number].pictures.get(key) for number in rows if number in index.quality}
-        known = {number: checksum for number, checksum in sums.items() if checksum is not None}
-        yield from find_equal(Kind.SAME_PICTURES, known, _camera(key))
+        recorded = {number: checksum for number, checksum in sums.items() if checksum is not None}
+        yield from find_equal(Kind.SAME_PICTURES, recorded, _camera(key))
 
 
 def _of_motion(
