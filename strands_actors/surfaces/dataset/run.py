@@ -81,9 +81,8 @@ class Summary(msgspec.Struct, frozen=True):
     # What remains to be repaired, as text. Empty if the last episode is complete.
     remaining: str = msgspec.field(name="left")
     ended: str
-    not_copied: str = (
-        ""  # The missing episodes of the second place, as text. Empty if it has all, or if no place was given.
-    )
+    # The missing episodes of the second place, as text. Empty if it has all, or if no place was given.
+    not_copied: str = ""
 
 
 def require_order(order: Order) -> None:
