@@ -90,10 +90,6 @@ def record_dataset(
     named = (cameras,) if isinstance(cameras, str) else cameras
     if not isinstance(named, Sequence) or not all(isinstance(each, str) and each.strip() for each in named):
         raise DatasetError(f"{func}: cameras is {shown(cameras)}. Give the names of the robot's cameras, in a list")
-    if not isinstance(copy_to, str | os.PathLike):
-        raise DatasetError(
-            f"{func}: copy_to is {shown(copy_to)}. Give a folder, or a URL such as s3://bucket/folder"
-        )
     order = Order(name, folder, task, fps, tuple(named), codec, copy_to=absolute_url(copy_to))
     require_order(order)
     name_of_started(func, robot, DatasetError)

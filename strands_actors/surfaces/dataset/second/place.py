@@ -93,9 +93,15 @@ def require_url(url: str, root: Path) -> None:
         raise DatasetError(f"{shown(url)} names no folder. Write {scheme}://BUCKET/FOLDER")
 
 
-def absolute_url(place: str | os.PathLike[str]) -> str:
-    """Return a second place as a URL. A folder becomes an absolute path, because other processes use it."""
-    text = os.fspath(place)
+def absolute_url(place: object) -> str:
+    """Return a second place as a URL. A folder becomes an absolute path, because other processes use it.
+
+    Raises:
+        DatasetError: The place is neither text nor a path.
+    """
+    if not isinstance(place, str | os.PathLike):
+        raise DatasetError(f"copy_to is {shown(place)}. Give a folder, or a URL such as s3://bucket/folder")
+    text = str(os.fspath(place))
     return text if "://" in text or not text else os.path.abspath(text)
 
 
