@@ -11,6 +11,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "cameras": ("cv2",),
     "demo": ("matplotlib",),
     "foxglove": ("foxglove",),
+    "hub": ("huggingface_hub",),
     "mcp": ("mcp",),
     "metrics": ("prometheus_client",),
     "pictures": ("OpenGL", "glfw"),

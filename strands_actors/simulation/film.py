@@ -152,18 +152,13 @@ def write(path: Path, pictures: Iterator[NDArray[numpy.uint8]], fps: int, size: 
 
 
 def _write_mp4(path: Path, pictures: Iterator[NDArray[numpy.uint8]], fps: int, size: Size) -> None:
-    os.environ.setdefault("SVT_LOG", "1")  # Log only errors. Otherwise the encoder prints a banner.
-    import av
+    from .mp4 import Mp4
 
-    from strands_actors.kernel.health.realtime import run_as_before
-
-    with av.open(str(path), "w", format="mp4") as container:
-        stream: Any = container.add_stream("libsvtav1", rate=fps, options={"preset": "10", "crf": "32"})
-        stream.width, stream.height = size
-        stream.pix_fmt = "yuv420p"
-        # If the user is root, the encoder gives its threads and this thread a real-time priority. Undo this.
-        with run_as_before():
-            container.start_encoding()
+    film = Mp4(path, "libsvtav1", {"preset": "10", "crf": "32"}, size, fps)
+    try:
         for picture in pictures:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode())
+            film.add(picture)
+        film.finish()
+    except BaseException:
+        film.abandon()
+        raise

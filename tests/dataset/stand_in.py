@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from strands_actors.surfaces.dataset.child import _say
 from strands_actors.surfaces.dataset.keys import read_words
+from strands_actors.surfaces.dataset.order import Order
 from strands_actors.surfaces.dataset.run import Summary, record_episodes
-from strands_actors.surfaces.dataset.session import Order
 from strands_actors.surfaces.dataset.staging import FRAMES
 from strands_actors.surfaces.dataset.storage import Storage
 

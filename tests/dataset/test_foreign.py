@@ -17,6 +17,7 @@ from strands_actors.surfaces.dataset.compact import compact, convert
 from strands_actors.surfaces.dataset.dataset import Dataset
 from strands_actors.surfaces.dataset.errors import DamagedError, DatasetError
 from strands_actors.surfaces.dataset.repair import repair
+from strands_actors.surfaces.dataset.report.measure import measure
 from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.video import look
 
@@ -264,6 +265,7 @@ def test_pictures_that_stand_in_a_parquet_are_converted(root: Path, tmp_path: Pa
     assert len(frames) == 29 and {frame[KEY]["bytes"] for frame in frames} == {png}
     stats = json.loads((tmp_path / "copy/meta/stats.json").read_bytes())
     assert stats[KEY]["count"] == [29] and np.shape(stats[KEY]["mean"]) == (3, 1, 1)
+    assert [len(episode.pictures["front"]) for episode in measure(tmp_path / "copy").episodes] == [3, 3, 3]
 
 
 def _png(folder: Path) -> bytes:

@@ -17,8 +17,8 @@ from strands_actors import Robot, Teleoperator
 from strands_actors.supervisors.instrument import Entry, Kind, encode
 from strands_actors.supervisors.root.messages import EpisodeKey, Operate
 from strands_actors.surfaces.dataset.index import Index
+from strands_actors.surfaces.dataset.order import Event, Progress
 from strands_actors.surfaces.dataset.run import Onlooker
-from strands_actors.surfaces.dataset.session import Event, Progress
 from strands_actors.surfaces.recording.views import decode_entries, keys_pressed
 from tests.answers import json_of, until
 from tests.cli.command import Command

@@ -155,3 +155,22 @@ def test_the_command_plays_it_on_a_robot_that_runs(arm: Any, twin: Twin, tmp_pat
     assert done.returncode == 1 and "resume" in done.stderr, done.stderr
     done = command.run("dataset", "play", str(root), arm.name, "--resume")
     assert done.returncode == 0, done.stderr
+
+
+def test_a_twin_plays_an_episode_without_a_running_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = made(tmp_path / "set")
+    assert cli.run(("dataset", "play", str(root), "--twin", "--episode", "1", "--json")) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["robot"] == "so101" and said["played"] and said["rows"] == 10
+    for arguments, says in (
+        ((), "give the name of a running robot, or --twin"),
+        (("--twin", "--resume"), "Leave --resume and --mesh out"),
+        (("koch", "--twin", "--episode", "7"), "no episode 7"),
+        (("nothing", "--twin"), "nothing"),
+        (("ur5e", "--twin"), "ur5e has no joint shoulder_pan"),
+    ):
+        assert cli.run(("dataset", "play", str(root), *arguments)) == cli.USAGE
+        output = capsys.readouterr().err
+        assert says in output and output.count("\n") == 1, output

@@ -160,7 +160,7 @@ def test_a_file_is_not_larger_than_lerobot_makes_it(
         add_episode(dataset, 12)
     dataset.close()
     size = (root / "videos/observation.images.front/chunk-000/file-000.mp4").stat().st_size
-    monkeypatch.setattr("strands_actors.surfaces.dataset.copying.VIDEO_MB", 2.5 * size / 1e6)
+    monkeypatch.setattr("strands_actors.surfaces.dataset.copied_files.VIDEO_MB", 2.5 * size / 1e6)
     compact(root, tmp_path / "copy")
     assert len(list((tmp_path / "copy/videos/observation.images.front").glob("*/*.mp4"))) == 2
     assert check(tmp_path / "copy") == 3

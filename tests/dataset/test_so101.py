@@ -24,9 +24,9 @@ from strands_actors.surfaces.cli.dataset import is_achieved
 from strands_actors.surfaces.dataset import DatasetError
 from strands_actors.surfaces.dataset.dataset import Dataset
 from strands_actors.surfaces.dataset.index import Index
+from strands_actors.surfaces.dataset.order import Order
 from strands_actors.surfaces.dataset.repair import repair
 from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary
-from strands_actors.surfaces.dataset.session import Order
 from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.recording.recorder import GONE
 from strands_actors.testing import Twin

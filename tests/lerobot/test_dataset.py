@@ -16,6 +16,7 @@ import pytest
 from strands_actors import Robot, record_dataset
 from strands_actors.surfaces.dataset.compact import compact
 from strands_actors.surfaces.dataset.dataset import Dataset
+from strands_actors.surfaces.dataset.editing import label, merge, split
 from tests.answers import json_of, task, task_ended, until
 from tests.dataset.made import FPS, LAYOUT, add_episode, bar, row
 
@@ -45,7 +46,16 @@ def compacted(root: Path, into: Path) -> Path:
     return into
 
 
-@pytest.mark.parametrize("form", [as_it_is, compacted])
+def edited(root: Path, into: Path) -> Path:
+    """Split it, label a part, and merge the parts: the same frames again."""
+    first, second, named = (into.with_name(name) for name in ("first", "second", "named"))
+    split(root, {first: "0-1", second: "2"})
+    label(second, named, "all", task=TASKS[2], mark="failed")
+    merge([first, named], into)
+    return into
+
+
+@pytest.mark.parametrize("form", [as_it_is, compacted, edited])
 def test_every_frame_is_loaded_and_decoded(tmp_path: Path, form: Callable[[Path, Path], Path]) -> None:
     made = Dataset(tmp_path / "set")
     for frames, words in zip(FRAMES, TASKS, strict=True):

@@ -15,6 +15,7 @@ import typer
 from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
+from .dataset_verbs import datasets
 from .errors import Problem
 from .options import (
     All,
@@ -536,6 +537,14 @@ def record(
             help="For a dataset: av1, or mpeg4 for a slow processor. An existing dataset keeps its codec."
         ),
     ] = None,
+    copy_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLACE",
+            help="For a dataset: copy each finished episode to this folder, s3://BUCKET/FOLDER or "
+            "hf://datasets/USER/NAME.",
+        ),
+    ] = None,
     keys: Annotated[
         str | None,
         typer.Option(
@@ -550,92 +559,36 @@ def record(
         options = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
         raise Problem(f"record: give {options}")
     if dataset is not None:
-        from strands_actors.surfaces.dataset.session import Order
+        from strands_actors.surfaces.dataset.order import Order
+        from strands_actors.surfaces.dataset.second.place import absolute_url
 
         from .dataset import record as record_dataset
 
-        order = Order(robot, os.path.abspath(dataset), task, fps, tuple(camera or ()), codec, episodes, seconds)
+        order = Order(
+            robot,
+            os.path.abspath(dataset),
+            task,
+            fps,
+            tuple(camera or ()),
+            codec,
+            episodes,
+            seconds,
+            absolute_url(copy_to or ""),
+        )
         raise typer.Exit(record_dataset(order, keys, as_json=json))
-    of_datasets = ("task", "episodes", "fps", "camera", "codec", "keys")
+    of_datasets = ("task", "episodes", "fps", "camera", "codec", "copy_to", "keys")
     sources = {name: context.get_parameter_source(name) for name in of_datasets}
     unusable = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
     if unusable:
-        raise Problem(f"record: --{', --'.join(unusable)}: of a dataset's episodes. Give --dataset DIR")
+        named = ", --".join(name.replace("_", "-") for name in unusable)
+        raise Problem(f"record: --{named}: of a dataset's episodes. Give --dataset DIR")
     assert out is not None
     from .record import record as run
 
     raise typer.Exit(run(robot, out, seconds, as_json=json))
 
 
-datasets = typer.Typer(name="dataset", help="Datasets that `record --dataset` wrote.", add_completion=False)
 app.add_typer(datasets)
-DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the dataset.")]
-
-
-@datasets.command("show")
-def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
-    """List the episodes of a dataset, and their defects."""
-    from .dataset import show as run
-
-    raise typer.Exit(run(root, as_json=json))
-
-
-@datasets.command("play")
-def play_dataset(
-    root: DatasetDirectory,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")],
-    episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
-    units: Annotated[
-        str, typer.Option(metavar="UNIT|normalized", help="Unit of the numbers, if the dataset states none.")
-    ] = "",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Energise the robot first, also after an e-stop.")
-    ] = False,
-    mesh: Mesh = None,
-    json: Json = False,
-) -> None:
-    """Move a robot along a recorded episode. No other program may command the robot."""
-    from .play import play as run
-
-    raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
-
-
-@datasets.command("repair")
-def repair_dataset(
-    root: DatasetDirectory,
-    drop: Annotated[
-        bool, typer.Option("--drop", help="Remove unfinished episodes instead of saving them.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Save the episodes that a killed recorder has left unfinished."""
-    from .dataset import repair as run
-
-    raise typer.Exit(run(root, drop, as_json=json))
-
-
-@datasets.command("compact")
-def compact_dataset(
-    root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
-    json: Json = False,
-) -> None:
-    """Copy a dataset into few large files, as LeRobot does."""
-    from .dataset import compact as run
-
-    raise typer.Exit(run(root, out, as_json=json))
-
-
-@datasets.command("convert")
-def convert_dataset(
-    root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
-    json: Json = False,
-) -> None:
-    """Copy a dataset in LeRobot's format 2.0 or 2.1, and convert the copy to version 3."""
-    from .dataset import convert as run
-
-    raise typer.Exit(run(root, out, as_json=json))
 
 
 @app.command()

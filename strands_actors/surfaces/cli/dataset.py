@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,17 +15,21 @@ from rich.table import Table
 from rich.text import Text
 
 from strands_actors.contract.shown import harmless
-from strands_actors.surfaces.dataset.compact import compact as make_compact
-from strands_actors.surfaces.dataset.compact import convert as do_convert
-from strands_actors.surfaces.dataset.copying import Copied
 from strands_actors.surfaces.dataset.dataset import STRAYS
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
+from strands_actors.surfaces.dataset.order import Event, Order, Progress, State
 from strands_actors.surfaces.dataset.page import serve_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
-from strands_actors.surfaces.dataset.run import Command, EpisodeSummary, Onlooker, Summary, record_episodes
-from strands_actors.surfaces.dataset.session import Event, Order, Progress, State, give_way
+from strands_actors.surfaces.dataset.run import (
+    Command,
+    EpisodeSummary,
+    Onlooker,
+    Summary,
+    give_way,
+    record_episodes,
+)
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
@@ -54,8 +57,11 @@ class Screen:
         self.say(event.line)
 
     def show(self, now: Progress) -> None:
+        self.count(line_of(now))
+
+    def count(self, line: str) -> None:
         if self._is_live:
-            print(f"{CLEAR}{line_of(now)}", end="", file=sys.stderr, flush=True)
+            print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
         if self._is_live:
@@ -127,10 +133,10 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
 
 def is_achieved(order: Order, summary: Summary) -> bool:
-    """Return False if the robot ended before all requested episodes were saved. If the user ended the
-    recording, return True, since no more episodes are wanted."""
+    """Return False if the robot ended before all requested episodes were saved, or if the second place lacks an
+    episode. If the user ended the recording, no more episodes are wanted."""
     has_all = order.episodes is None or len(summary.episodes) >= order.episodes
-    return summary.ended != GONE or (has_all and not summary.remaining)
+    return not summary.not_copied and (summary.ended != GONE or (has_all and not summary.remaining))
 
 
 def _page(keys: str | None) -> tuple[str, str, int]:
@@ -160,6 +166,8 @@ def _summed_up(summary: Summary) -> str:
         )
     if summary.remaining:
         lines.append(summary.remaining)
+    if summary.not_copied:
+        lines.append(summary.not_copied)
     return "\n".join(lines)
 
 
@@ -230,7 +238,7 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     try:
         report = do_repair(root, drop)
     except DamagedError as damage:
-        return _not_achieved("repair", damage)
+        return not_achieved("repair", damage)
     except (RecordingError, OSError) as problem:
         raise Problem(f"dataset repair: {harmless(str(problem))}") from problem
     if as_json:
@@ -253,32 +261,6 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     return 0 if report.is_sound else NOT_ACHIEVED
 
 
-def _not_achieved(command: str, damage: DamagedError) -> int:
-    print(f"dataset {command}: {harmless(str(damage))}", file=sys.stderr)
+def not_achieved(command: str, problem: RecordingError) -> int:
+    print(f"dataset {command}: {harmless(str(problem))}", file=sys.stderr)
     return NOT_ACHIEVED
-
-
-def compact(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset into few files. Return 1 if the dataset is damaged, else 0."""
-    return _copy("compact", make_compact, root, out, as_json)
-
-
-def convert(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset of version 2, and convert the copy to version 3. Return 1 if the dataset is damaged, else
-    0."""
-    return _copy("convert", do_convert, root, out, as_json)
-
-
-def _copy(command: str, make: Callable[[Path, Path], Copied], root: Path, out: Path, as_json: bool) -> int:
-    try:
-        done = make(root, out)
-    except DamagedError as damage:
-        return _not_achieved(command, damage)
-    except (RecordingError, OSError) as problem:
-        raise Problem(f"dataset {command}: {harmless(str(problem))}") from problem
-    if as_json:
-        print(json.dumps(msgspec.to_builtins(done)))
-    else:
-        print(f"{done.copy}: {done.episodes} episodes, {done.frames} frames in {done.files} files "
-              f"instead of {done.files_before}, {done.bytes / 1e6:.1f} MB")  # fmt: skip
-    return 0

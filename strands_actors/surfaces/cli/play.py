@@ -17,7 +17,11 @@ from strands_actors.surfaces.dataset.played import Played, read_episode, rows_fo
 
 from .borrow import borrow, refuse
 from .errors import Problem
+from .one_robot import OneRobot
 from .remedies import of_motion, with_remedy
+
+OURS = "strands_"
+"""Prefix of a robot's type in a dataset of this package."""
 
 
 def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: Path | None, as_json: bool) -> int:
@@ -34,6 +38,42 @@ def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: P
         print(json.dumps({"robot": robot, "played": True, **done}))
     else:
         print(f"{robot}: played to the end; it holds", flush=True)
+    return 0
+
+
+def play_on_twin(root: Path, robot: str | None, episode: int, units: str, as_json: bool) -> int:
+    """Start a simulated robot behind its real driver, and move it along an episode. Return 1 if it did not reach
+    the end, else 0.
+
+    Args:
+        root: The folder of the dataset.
+        robot: The robot's type. None: the type that the dataset states.
+        episode: The number of the episode.
+        units: The unit of the dataset's numbers, if the dataset does not state it.
+        as_json: Print JSON.
+    """
+    try:
+        played = read_episode(root, episode)
+        robot = robot or played.robot_type.removeprefix(OURS)
+        if not robot:
+            raise Problem("dataset play: the dataset states no robot. Give its type, such as so101")
+        twin = OneRobot(robot, None, True, None, None).make("dataset play")
+        try:
+            rows = rows_for(twin.driver, played, units)
+            if reason := twin.connect_eagerly():
+                return refuse(robot, "played", reason, as_json)
+            answer = twin.move_along(rows, played.hz, True)
+        finally:
+            twin.cleanup()
+    except (DatasetError, ValueError, TypeError) as problem:
+        raise Problem(f"dataset play: {harmless(str(problem))}") from problem
+    content = answer["content"][0]
+    if answer["status"] != "success":
+        return refuse(robot, "played", content["text"], as_json)
+    if as_json:
+        print(json.dumps({"robot": robot, "played": True, **content["json"]}))
+    else:
+        print(f"{robot}: the twin played {len(rows)} frames to the end", flush=True)
     return 0
 
 

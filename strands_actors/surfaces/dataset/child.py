@@ -16,8 +16,8 @@ import trio
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .keys import read_words
-from .run import Command, Summary, record_episodes
-from .session import Event, Order, give_way
+from .order import Event, Order
+from .run import Command, Summary, give_way, record_episodes
 
 ALIVE_S = 1.0
 
@@ -68,6 +68,8 @@ def main() -> int:
         return _fail(_first(group))
     except (RecordingError, OSError) as problem:
         return _fail(problem)
+    if summary.not_copied:
+        _say(Event("not_copied", text=summary.not_copied))
     _say(Event("ended", text=". ".join(filter(None, (f"{order.robot}: {summary.ended}", summary.remaining)))))
     return 0
 

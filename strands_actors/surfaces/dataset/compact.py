@@ -28,13 +28,8 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
     Raises:
         DatasetError: ``copy_dataset`` has failed, or the dataset has an older version.
     """
-    index = _open(root)
-    assert index.info is not None
-    if index.info.is_older:
-        raise DatasetError(
-            f"{root} has the older version {index.info.codebase_version}. Use `strands-actors dataset convert`"
-        )
-    return copy_dataset(index, copy, index.info.document, storage)
+    index, info = open_newest(root)
+    return copy_dataset(index, copy, info.document, storage)
 
 
 def convert(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
@@ -48,18 +43,28 @@ def convert(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
     Raises:
         DatasetError: ``copy_dataset`` has failed, or the dataset has version 3 already.
     """
-    index = _open(root)
-    assert index.info is not None
-    if not index.info.is_older:
+    index, info = open_dataset(root)
+    if not info.is_older:
         raise DatasetError(f"{root} has version {VERSION} already. Use `strands-actors dataset compact` to copy it")
-    return copy_dataset(index, copy, _newer(index.info), storage)
+    return copy_dataset(index, copy, _newer(info), storage)
 
 
-def _open(root: Path) -> Index:
+def open_dataset(root: Path) -> tuple[Index, Info]:
+    """Read the index of a dataset. Raise ``DatasetError`` if the folder is not one."""
     index = Index(root)
     if index.info is None:
         raise DatasetError(f"{root} is not a dataset, because it has no {INFO}. Give the folder of a dataset")
-    return index
+    return index, index.info
+
+
+def open_newest(root: Path) -> tuple[Index, Info]:
+    """Read the index of a dataset of version 3. Raise ``DatasetError`` if it has an older version."""
+    index, info = open_dataset(root)
+    if info.is_older:
+        raise DatasetError(
+            f"{root} has the older version {info.codebase_version}. Use `strands-actors dataset convert`"
+        )
+    return index, info
 
 
 def _newer(info: Info) -> dict[str, Any]:

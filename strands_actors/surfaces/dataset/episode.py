@@ -32,6 +32,7 @@ class Quality(msgspec.Struct, frozen=True):
         repaired: True if the recorder did not finish the episode.
         began: Date and time at which the episode began.
         pictures: A checksum of the pictures of each video, by the video's key.
+        mark: What ``dataset label`` has noted, such as "failed".
     """
 
     gaps: int = 0
@@ -39,13 +40,15 @@ class Quality(msgspec.Struct, frozen=True):
     repaired: bool = False
     began: str = ""
     pictures: dict[str, int] = {}
+    mark: str = ""
 
     @property
     def as_text(self) -> str:
-        """The defects as text, for example "3 frames missing"; empty if there are no defects."""
+        """The defects and the mark as text, for example "3 frames missing"; empty if there are none."""
         words = [f"{self.gaps} frames missing"] if self.gaps else []
         words += [f"{name} late in {count} frames" for name, count in self.stale.items()]
-        return ", ".join([*words, "repaired"] if self.repaired else words)
+        words += ["repaired"] if self.repaired else []
+        return ", ".join([*words, self.mark] if self.mark else words)
 
 
 class Episode(msgspec.Struct, frozen=True):

@@ -52,6 +52,8 @@ class Index:
         marks: The recorder's notes on the quality of each episode, by the episode's number.
         tasks: The tasks, in the order of their numbers.
         files: Every file that a committed episode needs.
+        index_files: The file of the index with the row of each episode, relative to the dataset, by the episode's
+            number.
         doubts: Reasons why it is not certain which episodes the dataset has. If there is a reason, no file may
             be written or moved.
     """
@@ -72,6 +74,7 @@ class Index:
         self.quality: dict[int, Quality] = {}
         self.tasks: list[str] = []
         self.files: set[Path] = set()
+        self.index_files: dict[int, Path] = {}
         self.doubts: list[str] = []
         self._unread: list[str] = []
         if self.info is None:
@@ -176,6 +179,7 @@ class Index:
         if len(own or candidates) > 1:
             self.doubts.append(f"{path}: the index has episode {number} {len(own or candidates)} times")
         self.files.add(path)
+        self.index_files[number] = path.relative_to(self.root)
         try:
             self.rows[number] = decode_row(row, info)
         except DatasetError as wrong:

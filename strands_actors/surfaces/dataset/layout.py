@@ -234,13 +234,17 @@ def _named(info: Info, vector: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (tuple(feature.flat_names), tuple(feature.flat_units)) if feature else ((), ())
 
 
-def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
+def difference_of(
+    ours: Mapping[str, Feature],
+    theirs: Mapping[str, Feature],
+    names: tuple[str, str] = ("the recording", "the dataset"),
+) -> str:
     """Return the first difference between features that matters to a program that reads the data. Empty if
-    there is no such difference."""
+    there is no such difference. ``names`` says in the text what ``ours`` and ``theirs`` are."""
     for key in (*ours, *(key for key in theirs if key not in ours)):
         mine, counterpart = ours.get(key), theirs.get(key)
         if mine is None or counterpart is None:
-            return f"{key} is only in {'the dataset' if mine is None else 'the recording'}"
+            return f"{key} is only in {names[mine is None]}"
         if (ours_text := _essence(mine)) != (theirs_text := _essence(counterpart)):
             return f"{key} is {theirs_text}, not {ours_text}"
         # Older versions of this package did not write units. Such a dataset has the robot's units.

@@ -44,6 +44,7 @@ class Played(msgspec.Struct, frozen=True):
         rows: One target per joint for each frame.
         hz: Frames per second.
         task: The task of the episode.
+        robot_type: The robot, as in ``info.json``. Empty if it is not stated.
     """
 
     joints: tuple[str, ...]
@@ -51,6 +52,7 @@ class Played(msgspec.Struct, frozen=True):
     rows: tuple[tuple[float, ...], ...]
     hz: float
     task: str
+    robot_type: str = ""
 
 
 def replay_episode(
@@ -107,7 +109,7 @@ def read_episode(root: Path, episode: int) -> Played:
     units = tuple(feature.flat_units)
     if len(units) != len(joints):
         units = ()
-    return Played(joints, units, rows, float(index.info.fps), ", ".join(row.tasks))
+    return Played(joints, units, rows, float(index.info.fps), ", ".join(row.tasks), index.info.robot_type or "")
 
 
 def rows_for(driver: Driver, played: Played, units: str = "") -> list[dict[str, float]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import itertools
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -133,6 +134,19 @@ def frames_of(root: Path, row: EpisodeRow, without: Collection[str] = ()) -> pa.
     table = read_table(root / row.data, without)
     with refuse_damage(root / row.data):
         return table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
+
+
+def episodes_of(
+    root: Path, rows: Iterable[EpisodeRow], without: Collection[str] = ()
+) -> Iterator[tuple[EpisodeRow, pa.Table]]:
+    """Yield each episode with its frames, as ``frames_of``. A file that several episodes in a row share is read
+    once."""
+    for path, group in itertools.groupby(rows, key=lambda row: row.data):
+        table = read_table(root / path, without)
+        for row in group:
+            with refuse_damage(root / path):
+                frames = table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
+            yield row, frames
 
 
 def slot_stated(row: Mapping[str, Any]) -> FileSlot | None:

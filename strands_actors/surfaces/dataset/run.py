@@ -3,6 +3,7 @@ the demonstrator (the person that shows the task)."""
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -21,7 +22,10 @@ from strands_actors.surfaces.recording.recorder import Recorder, visit
 from .cameras import Attach, attach_camera, wait_for_shapes
 from .dataset import Dataset
 from .errors import DatasetError
-from .session import DatasetSession, Event, Order, Progress, State, give_way
+from .order import Event, Order, Progress, State
+from .second.follower import Follower
+from .second.place import require_url
+from .session import DatasetSession
 from .storage import Storage
 from .video import require_codec
 
@@ -46,7 +50,7 @@ class Onlooker:
         self.state = EpisodeState()
 
     def add_event(self, event: Event) -> None:
-        running = event.type == "started" or (event.type == "refused" and self.state.running)
+        running = event.type == "started" or (event.type in ("refused", "copy") and self.state.running)
         self._show(msgspec.structs.replace(self.state, running=running, last_event=event.line))
 
     def show(self, progress: Progress) -> None:
@@ -77,6 +81,8 @@ class Summary(msgspec.Struct, frozen=True):
     # What remains to be repaired, as text. Empty if the last episode is complete.
     remaining: str = msgspec.field(name="left")
     ended: str
+    # The missing episodes of the second place, as text. Empty if it has all, or if no place was given.
+    not_copied: str = ""
 
 
 def require_order(order: Order) -> None:
@@ -89,6 +95,8 @@ def require_order(order: Order) -> None:
         raise DatasetError(f"cameras is {', '.join(order.cameras)}. Give each camera once")
     if order.codec is not None:
         require_codec(order.codec, [])
+    if order.copy_to:
+        require_url(order.copy_to, Path(order.root))
 
 
 async def record_episodes(
@@ -144,6 +152,10 @@ async def _record(
                 operator.add_event(event)
                 tell(event)
 
+            follower = Follower(order.root, order.copy_to, lambda text: on_event(Event("copy", text=text)))
+            if order.copy_to:
+                nursery.start_soon(follower.run)
+                await follower.require_accepted()
             session = DatasetSession(
                 order,
                 dataset,
@@ -188,6 +200,7 @@ async def _record(
             finally:
                 with trio.CancelScope(shield=True):
                     remaining = await session.leave()
+                    not_copied = await follower.leave(len(dataset.episodes)) if order.copy_to else ""
                 for reader in readers.values():
                     reader.close()
     saved = [
@@ -209,7 +222,10 @@ async def _record(
         dataset.moved_strays,
         remaining,
         ending.reason,
+        not_copied,
     )
 
 
-__all__ = ["Command", "Controls", "Onlooker", "Summary", "give_way", "record_episodes", "require_order"]
+def give_way() -> None:
+    """Lower the priority of this process, so that the robot's processes run first on a busy computer."""
+    os.nice(10)

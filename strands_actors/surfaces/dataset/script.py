@@ -23,11 +23,14 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from strands_actors.surfaces.recording.arguments import name_of_robot, name_of_started, path_of
 
 from .errors import DatasetError
+from .order import Event, Order
 from .run import require_order
-from .session import LEAVE_S, Event, Order
+from .second import follower
+from .second.place import absolute_url
+from .session import LEAVE_S
 
 CHILD = f"{__package__}.child"
-END_S = LEAVE_S + 15.0
+END_S = LEAVE_S + follower.LEAVE_S + 15.0
 """Timeout of the recorder's end after SIGINT, in seconds."""
 READY_S = 60.0
 """Timeout of the recorder's start, in seconds: on a slow computer, with the first state and pictures."""
@@ -53,6 +56,7 @@ def record_dataset(
     fps: int = 30,
     cameras: Sequence[str] | str = (),
     codec: str | None = None,
+    copy_to: str | Path = "",
 ) -> DatasetRecording:
     """Record episodes of a robot into a dataset in LeRobot's format.
 
@@ -70,6 +74,9 @@ def record_dataset(
         cameras: The names of the robot's cameras.
         codec: The codec of the videos, ``av1`` or ``mpeg4``. None means the codec of the existing videos, or
             ``av1`` for a new dataset.
+        copy_to: A second place, to which each finished episode is copied while the next one is recorded: a
+            folder, ``s3://bucket/folder`` or ``hf://datasets/user/name``. Empty for none. The recording never
+            waits for it.
 
     Returns:
         The recording, to be used in a ``with`` statement.
@@ -83,7 +90,7 @@ def record_dataset(
     named = (cameras,) if isinstance(cameras, str) else cameras
     if not isinstance(named, Sequence) or not all(isinstance(each, str) and each.strip() for each in named):
         raise DatasetError(f"{func}: cameras is {shown(cameras)}. Give the names of the robot's cameras, in a list")
-    order = Order(name, folder, task, fps, tuple(named), codec)
+    order = Order(name, folder, task, fps, tuple(named), codec, copy_to=absolute_url(copy_to))
     require_order(order)
     name_of_started(func, robot, DatasetError)
     return DatasetRecording(order)
@@ -106,6 +113,8 @@ class DatasetRecording:
         self._command_number = 0  # Number of the last command, counted from 1.
         self.saved: list[dict[str, object]] = []
         """The saved episodes: ``episode`` (its number), ``frames`` and ``marks`` (its defects as text) of each."""
+        self.not_copied = ""
+        """After the recording: what the second place lacks, as text. Empty if it has every episode."""
 
     def __enter__(self) -> DatasetRecording:
         self._process = subprocess.Popen(
@@ -263,6 +272,8 @@ class DatasetRecording:
             event = msgspec.json.decode(line, type=Event)
             if event.type == "ended":
                 self._ended = event.text
+            elif event.type == "not_copied":
+                self.not_copied = event.text
             elif event.command_number or event.type == "ready":
                 self._answers.put(event)
         self._answers.put(None)

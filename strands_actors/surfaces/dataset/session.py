@@ -11,8 +11,6 @@ journal).
 
 from __future__ import annotations
 
-import enum
-import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
 
@@ -20,11 +18,8 @@ import msgspec
 import numpy as np
 import trio
 
-from strands_actors.contract.axis import AxisMode
 from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.supervisors.instrument import Attached, Batch
-from strands_actors.surfaces.recording.code import driver_from
-from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.views import View, decode_entries, keys_pressed
 
 from .cameras import CameraReader, frame_of
@@ -33,9 +28,12 @@ from .episode import Episode
 from .errors import DatasetError
 from .frames import Assembler, Axes, BuiltFrame, missed
 from .layout import CameraShape, Layout
-from .staging import Picture, StagedEpisode, new_folder
+from .order import Event, Order, Progress, State
+from .robot_axes import axes_of
+from .staging import Picture
 from .video import VideoError
 from .worker import Worker
+from .writer import EpisodeWriter
 
 QUEUE_FRAMES = 60
 QUEUE_BYTES = 128 << 20
@@ -51,96 +49,6 @@ PRESSED_NS = NS
 """A key that was pressed longer ago is ignored. By then the operator has seen that it had no effect."""
 LEAVE_S = 20.0
 """Longest time for the worker to finish its queue at the end, in seconds."""
-
-
-class Order(msgspec.Struct, frozen=True):
-    """The options of a recording.
-
-    Attributes:
-        robot: The robot's name.
-        root: The folder of the dataset.
-        task: The task of the episodes, as a sentence.
-        fps: Frames per second.
-        cameras: Names of the cameras.
-        codec: The codec of the videos. None means the codec of the existing videos, or the default for a new
-            dataset.
-        episodes: Number of episodes after which the recording ends. None means no limit.
-        seconds: Length of an episode, if episodes begin and end automatically. None means on command.
-    """
-
-    robot: str
-    root: str
-    task: str
-    fps: int = 30
-    cameras: tuple[str, ...] = ()
-    codec: str | None = None
-    episodes: int | None = None
-    seconds: float | None = None
-
-
-class State(enum.StrEnum):
-    IDLE = "waiting"
-    RECORDING = "recording"
-    FINISHING = "finishing"
-
-
-class Event(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An event of a recording, for the operator or a script.
-
-    Attributes:
-        type: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``alive`` is a
-            heartbeat.
-        episode: The number of the episode.
-        frames: The number of frames in the episode.
-        defects: The defects of the episode as text.
-        text: A message for the user.
-        command_number: The number of the command that this event answers. 0 if the event answers no numbered
-            command.
-    """
-
-    type: str = msgspec.field(name="what")
-    episode: int = -1
-    frames: int = 0
-    defects: str = msgspec.field(default="", name="marks")
-    text: str = ""
-    command_number: int = msgspec.field(default=0, name="asked")
-
-    @property
-    def line(self) -> str:
-        """The event as a line of text for the user."""
-        match self.type:
-            case "ready":
-                return f"recording {self.text}"
-            case "started":
-                return f"episode {self.episode}: recording"
-            case "saved":
-                return f"episode {self.episode}: {self.frames} frames, {self.defects or 'nothing missing'}; saved"
-            case "discarded":
-                return f"episode {self.episode}: discarded"
-            case _:
-                return self.text
-
-
-class Progress(msgspec.Struct, frozen=True):
-    state: str
-    episode: int
-    done: int
-    of: int | None
-    seconds: float
-    fps: float
-    gaps: int
-    late: int  # Number of frames with a state or a picture that is too old.
-    free_bytes: int
-
-    @property
-    def line(self) -> str:
-        """The progress as a line of text for the user."""
-        done = f"{self.done}{'' if self.of is None else f'/{self.of}'} saved"
-        free = f"{self.free_bytes / 1e9:.1f} GB left"
-        if self.state == State.IDLE:
-            return f"{done}, {free}"
-        late = f", {self.late} late" if self.late else ""
-        return f"{done}, {self.state} {self.seconds:.0f} s, {self.fps:.0f} fps, {self.gaps} gaps{late}, {free}"
 
 
 class DatasetSession:
@@ -173,7 +81,7 @@ class DatasetSession:
         self._number = len(dataset.episodes)  # Number of the running episode, or of the next episode.
         self._finish_command_number = 0  # Number of the command that has ended the running episode.
         self._finished = 0
-        self._episode: StagedEpisode | None = None  # Used in the worker's thread, and by ``leave`` at the end.
+        self._writer = EpisodeWriter(dataset, order.task)  # Used in the worker's thread.
         self._shown: dict[str, tuple[Picture, int]] = {}
         self._began_ns = self._last_ns = self._first_ns = 0
         self._frames = self._gaps = self._late = 0  # Counters of the running episode.
@@ -255,7 +163,7 @@ class DatasetSession:
         self._state = State.RECORDING
         self._began_ns = self._clock.now_ns()
         self._last_ns = self._frames = self._gaps = self._late = 0
-        self._worker.put(self._open_episode)
+        self._worker.put(lambda: self._writer.open(self._layout))
         self._tell(Event("started", self._number, command_number=command_number))
 
     def _cannot_start(self) -> str:
@@ -297,7 +205,7 @@ class DatasetSession:
             self._refuse("finish: the episode was discarded meanwhile", self._finish_command_number)
         self._state = State.IDLE
         self._assembler.begin()
-        self._worker.put(self._drop_episode)
+        self._worker.put(self._writer.drop)
         self._tell(Event("discarded", self._number, command_number=command_number))
 
     def _again(self, command_number: int = 0) -> None:
@@ -417,34 +325,16 @@ class DatasetSession:
         self._frames_since += 1
         self._gaps += frame.row.gap
         self._late += bool(frame.row.stale)
-        self._worker.put(lambda: self._write(frame), frames=1)
+        self._worker.put(lambda: self._writer.add(frame), frames=1)
 
     # -- in the worker's thread
 
-    def _open_episode(self) -> None:
-        folder = new_folder(self._dataset.staging)
-        self._episode = StagedEpisode(self._dataset.storage, folder, self._layout, self._order.task)
-
-    def _write(self, frame: BuiltFrame) -> None:
-        assert self._episode is not None
-        self._episode.add(frame.row, frame.pictures)
-
-    def _drop_episode(self) -> None:
-        assert self._episode is not None
-        self._episode.abandon()
-        self._dataset.storage.remove(self._episode.folder)
-        self._episode = None
-
     def _save_episode(self, gap: int, command_number: int) -> None:
-        assert self._episode is not None
-        episode, self._episode = self._episode, None
-        if not episode.frames:
-            episode.abandon()
-            self._dataset.storage.remove(episode.folder)
+        episode = self._writer.save(gap)
+        if episode is None:
             trio.from_thread.run_sync(self._not_saved, command_number)
-            return
-        episode.finish(gap)
-        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder), command_number)
+        else:
+            trio.from_thread.run_sync(self._saved, episode, command_number)
 
     def _not_saved(self, command_number: int) -> None:
         self._number -= 1
@@ -496,31 +386,6 @@ class DatasetSession:
                 f"the disk took longer than {LEAVE_S:g} s. "
                 "Repair the last episode with `strands-actors dataset repair`"
             )
-        if self._episode is not None:
-            self._episode.abandon()
+        if self._writer.abandon():
             return f"the running episode was not finished. `strands-actors dataset repair {self._order.root}`"
         return ""
-
-
-def axes_of(attached: Attached) -> Axes:
-    """Return the robot's axes. If the robot's driver is not installed here, their units and modes are not
-    known."""
-    try:
-        driver = driver_from(attached)
-        table, read_only, cycle_s = driver.table, driver.READ_ONLY_JOINTS, 1 / driver.timing.control_hz
-    except RecordingError:
-        table, read_only, cycle_s = (), (), 0.0
-    units = {axis.key: axis.unit for axis in table}
-    return Axes(
-        attached.axes,
-        frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY),
-        tuple(units[key] for key in attached.axes) if units.keys() >= set(attached.axes) else (),
-        frozenset(axis.key for axis in table if axis.optional),
-        read_only,
-        cycle_s,
-    )
-
-
-def give_way() -> None:
-    """Lower the priority of this process, so that the robot's processes run first on a busy computer."""
-    os.nice(10)

@@ -80,6 +80,12 @@ class Lock:
             os.close(self._descriptor)
             raise DatasetError(f"another process writes into {folder}. End that process first") from None
 
+    @property
+    def inside(self) -> Path:
+        """A path to the locked folder that stays right if the folder is moved. Nothing is written elsewhere if its
+        disk is unmounted."""
+        return Path(f"/proc/self/fd/{self._descriptor}")
+
     def is_of(self, folder: Path) -> bool:
         """Return True if the path still leads to the locked folder. False if the folder was moved, or its disk
         unmounted."""

@@ -5,33 +5,27 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import os
 import zlib
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import IO, Any, cast
 
+import av
 import msgspec
 import numpy as np
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from strands_actors.contract.shown import shown
-from strands_actors.kernel.health.realtime import run_as_before
+from strands_actors.simulation.mp4 import Mp4, writer
 
 from .errors import DatasetError
 from .layout import CameraShape
 from .tables import unreadable
 
-os.environ.setdefault("SVT_LOG", "1")  # Log only errors. Otherwise the encoder prints a banner.
-
-import av
-from av.container import OutputContainer
-from av.video.stream import VideoStream
-
 VideoError = av.error.FFmpegError
 
-PIXELS = "yuv420p"
 KEY_EVERY = 2
 """Frames from one key frame to the next. It is small because training reads single frames at random."""
 FRAGMENT_S = 0.5
@@ -95,49 +89,32 @@ class Encoder:
     def __init__(self, path: Path, camera: CameraShape, fps: int, codec: str) -> None:
         spec = require_codec(codec, [camera])
         self._shape = (camera.height, camera.width, 3)
-        self._base = Fraction(1, fps)
         options = {
             "movflags": "empty_moov+default_base_moof",
             "frag_duration": str(int(FRAGMENT_S * 1e6)),
             # Write each fragment at once. If this process is killed, buffered data would be lost.
             "flush_packets": "1",
         }
-        self._container = _writer(path, fps, options)
-        self._stream = cast(VideoStream, self._container.add_stream(spec.encoder, rate=fps, options=spec.options))
-        self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
-        self._stream.time_base = self._base
-        self._stream.gop_size = KEY_EVERY
-        # If the user is root, SVT-AV1 gives its threads and this thread the real-time priority SCHED_FIFO 99.
-        # Undo this.
-        with run_as_before():
-            # Create the file now, so that unsuitable options raise an exception here.
-            self._container.start_encoding()
-        self.frames = 0
+        size = camera.width, camera.height
+        self._file = Mp4(path, spec.encoder, spec.options, size, fps, options, KEY_EVERY)
+
+    @property
+    def frames(self) -> int:
+        return self._file.frames
 
     def add(self, picture: NDArray[np.uint8]) -> None:
         if picture.shape != self._shape:
             raise DatasetError(
                 f"a picture has the shape {picture.shape}, but the camera's first picture had {self._shape}"
             )
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-        frame.pts, frame.time_base = self.frames, self._base
-        self.frames += 1
-        self._container.mux(self._stream.encode(frame))
+        self._file.add(picture)
 
     def finish(self) -> None:
-        self._container.mux(self._stream.encode())
-        self._container.close()
+        self._file.finish()
 
     def abandon(self) -> None:
         """Close the file. The fragments that were written stay readable."""
-        with contextlib.suppress(OSError):  # If the disk is full, the rest cannot be written.
-            self._container.close()
-
-
-def _writer(path: Path, timescale: int, options: dict[str, str]) -> OutputContainer:
-    # Pass a path, so that the library writes the file itself. With a Python file object, a container that is
-    # not closed would crash the process.
-    return av.open(str(path), "w", format="mp4", options=options | {"video_track_timescale": str(timescale)})
+        self._file.abandon()
 
 
 class Pictures(msgspec.Struct, frozen=True):
@@ -223,7 +200,7 @@ def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
     rate = rate_of(fps)
     sums = []
     before = 0
-    with _writer(path, rate.numerator, {"movflags": "faststart"}) as container:
+    with writer(path, rate.numerator, {"movflags": "faststart"}) as container:
         stream: Any = None
         for span in spans:
             with _reading(span.path) as (opened, source):
@@ -333,3 +310,13 @@ def decode_image(file: IO[bytes]) -> NDArray[np.uint8]:
             return cast(NDArray[np.uint8], next(container.decode(video=0)).to_ndarray(format="rgb24"))
     except (VideoError, StopIteration, IndexError, ValueError) as damage:
         raise DatasetError(f"a picture cannot be read: {damage}") from damage
+
+
+def encode_image(picture: NDArray[np.uint8], width: int) -> bytes:
+    """Return a picture as a JPEG of about this width in pixels."""
+    height = max(2, round(width * picture.shape[0] / picture.shape[1] / 2) * 2)
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+    encoder = cast(Any, av.CodecContext.create("mjpeg", "w"))
+    encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = width, height, "yuvj420p", Fraction(1)
+    packets = encoder.encode(frame.reformat(width=width, height=height, format="yuvj420p"))
+    return b"".join(map(bytes, [*packets, *encoder.encode(None)]))
