@@ -96,6 +96,9 @@ SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 URDF = "strands_actors.drivers.common.kinematics.urdf:urdf_of"
 """Location of the function that writes the URDF of a robot, from ``Driver.link_rows``."""
 
+TOOL_POSE = "strands_actors.drivers.common.kinematics.tool:tool_pose"
+"""Location of the function that computes the pose of an arm's tool, from ``Driver.arm_model``."""
+
 MODEL = "strands_actors.drivers.model.driver:ModelDriver"
 """Location of the class that simulates a user's model file."""
 

@@ -63,7 +63,10 @@ class UR(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.ur.wire:URWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),
+        Sensor("wrench", {"wrench": "wrench_n_nm"}, words={"frame": "base"}),
+    )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
@@ -119,6 +122,11 @@ class UR(Driver):
         from .twin.model import HOME_RAD, model_table
 
         return ArmModel(arm_table(model_table(arm_of(self.robot))), self.axes, "wrist_3", home=HOME_RAD)
+
+    def link_rows(self) -> str:
+        from .twin.model import model_table
+
+        return str(model_table(arm_of(self.robot))["model_rows"])
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}

@@ -15,9 +15,9 @@ from rosbags.typesys.store import Nodetype
 from strands_actors.surfaces.ros2 import cdr
 from strands_actors.surfaces.ros2.definitions import (
     ARRAY,
+    FOLLOW,
     JOINT_STATE,
     MESSAGES,
-    SEND_GOAL,
     SERVICES,
     SINGLE,
     TRIGGER,
@@ -101,7 +101,7 @@ def test_the_hashes_of_an_action_are_computed_as_ros_does(monkeypatch: pytest.Mo
     for part, fields in fibonacci.items():
         monkeypatch.setitem(MESSAGES, f"{FIBONACCI}{part}", fields)  # type: ignore[arg-type]
     services = {
-        "_SendGoal": Service({**goal_id, "goal": f"{FIBONACCI}_Goal"}, SERVICES[SEND_GOAL].response),
+        "_SendGoal": Service({**goal_id, "goal": f"{FIBONACCI}_Goal"}, SERVICES[f"{FOLLOW}_SendGoal"].response),
         "_GetResult": Service(goal_id, {"status": "int8", "result": f"{FIBONACCI}_Result"}),
     }
     for part, service in services.items():

@@ -13,7 +13,12 @@ commands      messages to targets in the units of a driver
 readings      the JSON of a robot's topics to ROS messages
 graph         the session with the router: nodes, publishers, subscriptions, services
 trajectory    goals of the action, and the positions on their paths
-action        the action server FollowJointTrajectory
+motion        carry out planned motions
+action_server goals, results and feedback of any action
+action        the actions FollowJointTrajectory and GripperCommand, and the topic with trajectories
+command_topics what the graph moves a robot with
+cameras       pictures, while there is a subscriber
+tool_pose     the pose of an arm's tool
 writer        hold the lease (the right to command) for the graph
 robot_node    one robot as a node of the graph
 bridge        the process: robots come and go

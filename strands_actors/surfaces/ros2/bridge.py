@@ -78,6 +78,8 @@ class Bridge:
             for robot in [robot for robot in self.nodes if not self._mesh.is_there(robot)]:
                 await self.nodes.pop(robot).close()
                 self._log(f"{robot} has left")
+            for node in self.nodes.values():
+                node.look()
             if self._graph.is_connected != was_connected:
                 was_connected = not was_connected
                 again = "is connected again" if was_connected else "does not answer. Still trying"
