@@ -299,7 +299,7 @@ class Driver(ABC):
     READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = ()
     """Joints that are observed but not commanded."""
     TORQUES: ClassVar[str] = ""
-    """The sensor with the torques of the first axes, in N m and in the order of the axes; empty if there is none."""
+    """The sensor with the torques of the first axes, in N m and in the axes' order; empty if there is none."""
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
     """Sensors with readings that are part of the reply to an accepted command (``accepted``), the newest ones."""
     GUARDED: ClassVar[tuple[str, ...]] = ()

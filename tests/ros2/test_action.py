@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from strands_actors.surfaces.ros2 import cdr
+from strands_actors.kernel.channels.ros2 import cdr
+from strands_actors.kernel.channels.ros2.definitions import CANCEL, FOLLOW, GRIPPER, STATUS, TRAJECTORY
+from strands_actors.kernel.channels.ros2.names import Dialect
 from strands_actors.surfaces.ros2.action import Stall
-from strands_actors.surfaces.ros2.definitions import CANCEL, FOLLOW, GRIPPER, STATUS, TRAJECTORY
 from strands_actors.surfaces.ros2.joints import Layout, layout_of
-from strands_actors.surfaces.ros2.names import Dialect
 from strands_actors.surfaces.ros2.trajectory import Error, Problem, Trajectory, read_trajectory
 from tests.answers import until
 

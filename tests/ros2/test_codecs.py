@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys.store import Nodetype
 
-from strands_actors.surfaces.ros2 import cdr
-from strands_actors.surfaces.ros2.definitions import (
+from strands_actors.kernel.channels.ros2 import cdr
+from strands_actors.kernel.channels.ros2.definitions import (
     ARRAY,
     FOLLOW,
     JOINT_STATE,
@@ -26,7 +26,7 @@ from strands_actors.surfaces.ros2.definitions import (
     fields_of,
     parse_type,
 )
-from strands_actors.surfaces.ros2.names import (
+from strands_actors.kernel.channels.ros2.names import (
     Attachment,
     Dialect,
     Entity,
@@ -38,7 +38,7 @@ from strands_actors.surfaces.ros2.names import (
     read_token,
     ros_name,
 )
-from strands_actors.surfaces.ros2.type_hash import type_hash
+from strands_actors.kernel.channels.ros2.type_hash import type_hash
 
 from .peer import STORE, TRIGGER_HASH
 

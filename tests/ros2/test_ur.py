@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.surfaces.ros2 import cdr
+from strands_actors.kernel.channels.ros2 import cdr
+from strands_actors.kernel.channels.ros2.definitions import FOLLOW, JOINT_STATE
+from strands_actors.kernel.channels.ros2.names import Dialect
 from strands_actors.surfaces.ros2.bridge import Options
-from strands_actors.surfaces.ros2.definitions import FOLLOW, JOINT_STATE
-from strands_actors.surfaces.ros2.names import Dialect
 from strands_actors.testing import Twin
 from strands_actors.testing.still_camera import HEIGHT, SETTINGS, WIDTH
 from tests.answers import json_of, until

@@ -9,12 +9,12 @@ from typing import Any
 
 import trio
 
+from strands_actors.kernel.channels.ros2.definitions import FOLLOW, GRIPPER
+from strands_actors.kernel.channels.ros2.graph import Arrival, Node
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
 from .action_server import ActionServer, Ending, Goal
-from .definitions import FOLLOW, GRIPPER
-from .graph import Arrival, Node
 from .joints import Gripper, Layout
 from .motion import Mover
 from .readings import header

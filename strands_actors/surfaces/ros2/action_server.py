@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import trio
 
-from .definitions import CANCEL, STATUS
-from .graph import Call, Node
-from .names import Qos
+from strands_actors.kernel.channels.ros2.definitions import CANCEL, STATUS
+from strands_actors.kernel.channels.ros2.graph import Call, Node
+from strands_actors.kernel.channels.ros2.names import Qos
+
 from .readings import stamp
 
 KEPT = 32

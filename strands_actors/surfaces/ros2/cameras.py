@@ -10,14 +10,14 @@ from collections.abc import Iterable
 import msgspec
 
 from strands_actors.kernel.channels.pubsub import Received, Stamp
+from strands_actors.kernel.channels.ros2.definitions import CAMERA_INFO, COMPRESSED_IMAGE
+from strands_actors.kernel.channels.ros2.graph import Node, Publisher
+from strands_actors.kernel.channels.ros2.names import Qos, ros_name
 from strands_actors.kernel.clock import NS
 from strands_actors.supervisors.mesh.schemas import camera_topic, key
 from strands_actors.surfaces.mesh.client import MeshClient
 
 from . import readings
-from .definitions import CAMERA_INFO, COMPRESSED_IMAGE
-from .graph import Node, Publisher
-from .names import Qos, ros_name
 
 _stamp_of = msgspec.json.Decoder(Stamp).decode
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
+from strands_actors.kernel.channels.ros2.definitions import JOINT_STATE, NUMBERS, TRAJECTORY, TWIST, TWIST_STAMPED
+from strands_actors.kernel.channels.ros2.graph import Arrival, Node
+from strands_actors.kernel.channels.ros2.names import ros_name
 from strands_actors.kernel.messages import Refused
 
 from .action import GripperAction, TrajectoryAction, TrajectoryTopic
 from .commands import Targets, targets_of_joints, targets_of_numbers, targets_of_twist
-from .definitions import JOINT_STATE, NUMBERS, TRAJECTORY, TWIST, TWIST_STAMPED
-from .graph import Arrival, Node
 from .joints import Layout
 from .motion import Mover
-from .names import ros_name
 from .writer import Writer, is_at_rest
 
 Task = Callable[[], Awaitable[None]]

@@ -10,6 +10,20 @@ import trio
 
 from strands_actors.contract.loading import load
 from strands_actors.drivers import URDF
+from strands_actors.kernel.channels.ros2.definitions import (
+    BATTERY,
+    DIAGNOSTICS,
+    IMU,
+    JOINT_STATE,
+    ODOMETRY,
+    POSE,
+    STRING,
+    TF,
+    TRIGGER,
+    WRENCH,
+)
+from strands_actors.kernel.channels.ros2.graph import Arrival, Call, Graph, Publisher
+from strands_actors.kernel.channels.ros2.names import Qos, ros_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import STOP_S, MeshClient
 from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
@@ -17,12 +31,9 @@ from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
 from . import answers, readings
 from .cameras import Cameras
 from .command_topics import CommandTopics
-from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, POSE, STRING, TF, TRIGGER, WRENCH
 from .diagnostics import Summary, diagnostics
-from .graph import Arrival, Call, Graph, Publisher
 from .joints import Layout
 from .motion import Mover
-from .names import Qos, ros_name
 from .samples import Battery, Health, Imu, Odom, Presence, Sample, State, Wrench
 from .writer import Writer
 
