@@ -91,14 +91,18 @@ class GraphPort:
 
     @contextlib.asynccontextmanager
     async def receiving(self) -> AsyncIterator[None]:
-        """Handle what arrives while the block runs, also if nobody has called ``receive``."""
-        if self._receives or self._graph is None:
-            yield
-            return
+        """Handle what arrives while the block runs, also if no other task calls ``receive``, or if it ends."""
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(self.receive)
+            nursery.start_soon(self._take_over)
             yield
             nursery.cancel_scope.cancel()
+
+    async def _take_over(self) -> None:
+        """Receive as soon as no other task does. A stop cancels the task that has received before."""
+        while True:
+            if self._graph is not None and not self._receives:
+                await self.receive()
+            await trio.sleep(LOOK_S)
 
     async def until(self, is_so: Callable[[], bool]) -> None:
         """Wait until a condition is true. The caller sets the deadline."""
