@@ -136,6 +136,7 @@ def test_the_gripper_is_opened_by_its_action(world: World) -> None:
     assert gripper.result(3)["status"] == ABORTED
 
 
+@pytest.mark.long
 def test_trajectories_on_a_topic_replace_each_other(world: World) -> None:
     start = math.radians(pan(world))
 

@@ -44,7 +44,7 @@ def bridged(tmp_path: Path, run_dir: Path) -> Iterator[tuple[World, int]]:
             arm.cleanup()
 
 
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("fault", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
 def test_saf_002_a_bridge_that_dies_or_freezes_in_a_trajectory_is_a_hold(
     bridged: tuple[World, int], fault: signal.Signals
 ) -> None:

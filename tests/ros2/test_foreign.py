@@ -114,6 +114,7 @@ def test_saf_002_the_root_stops_a_foreign_arm_when_its_wire_process_fails(foreig
         robot.cleanup()
 
 
+@pytest.mark.long
 def test_a_node_that_goes_is_not_commanded_and_is_found_again(foreign: Foreign) -> None:
     robot = foreign.robot(ARM)
     try:

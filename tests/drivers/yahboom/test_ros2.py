@@ -88,7 +88,7 @@ def driver(**options: Any) -> YahboomM3Pro:
     return YahboomM3Pro("yahboom_m3pro", port, {"transport": "ros2", "timeout_s": 2.0, **options})
 
 
-@pytest.mark.parametrize("humble", [False, True])
+@pytest.mark.parametrize("humble", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_wire_on_the_graph_opens_drives_and_stops(humble: bool) -> None:
     async def test() -> None:
         base, robot = Base(), driver(humble=humble)
@@ -164,6 +164,7 @@ def test_saf_003_the_root_stops_the_base_by_its_own_node() -> None:
     trio.run(test)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
