@@ -54,7 +54,7 @@ class RosStop:
     @property
     def acknowledged(self) -> bool:
         """True if the node has confirmed a cancel, and has reported something since."""
-        return self._canceled and all(watch.rest is not Rest.NOTHING_SINCE for watch in self._asked())
+        return self._canceled and all(watch.rest is not Rest.NOTHING_SINCE for watch in self._used_watches())
 
     async def step(self) -> str:
         self.send()
@@ -82,7 +82,7 @@ class RosStop:
     def _on_canceled(self, _: dict[str, Any]) -> None:
         self._canceled = True
 
-    def _asked(self) -> list[RestWatch]:
+    def _used_watches(self) -> list[RestWatch]:
         return [watch for watch, axes in zip(self._watches, self._axes, strict=True) if axes]
 
     def _look(self) -> None:

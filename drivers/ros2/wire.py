@@ -59,9 +59,9 @@ class Ros2Wire(PromptSessionWire[RosLink]):
     async def read(self) -> Observation:
         link = self.session
         if link.silent_s() > SILENT_S:
-            what = link.missing() or f"no report for {link.silent_s():.1f} s"
+            reason = link.missing() or f"no report for {link.silent_s():.1f} s"
             raise WireDown(
-                f"read: {what} ({link.port.malformed} malformed messages). Check the node and the router"
+                f"read: {reason} ({link.port.malformed} malformed messages). Check the node and the router"
             )
         reports, table = link.reports, self._config.table
         speeds = reports.base_speeds

@@ -1,7 +1,7 @@
 """Reach the robot's topics as a node of its ROS 2 graph, by the router of rmw_zenoh.
 
 Neither ROS nor rclpy is needed, also on the robot. This was never run on a robot. ROS acknowledges no message of a
-topic, so only the odometry of the base shows what has become of a command.
+topic, so only the odometry of the base shows the effect of a command.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Ros2Link:
         self._publish(m.ARM, m.arm_message(goal))
 
     async def acknowledged(self, within_s: float) -> None:
-        """Wait for the next odometry, since ROS has no acknowledgement. Raise ``WireDown`` if none comes."""
+        """Wait for the next odometry, since ROS has no acknowledgement. Raise ``WireDown`` if it does not come."""
         await self.next_report(within_s)
 
     async def next_report(self, within_s: float) -> Report:

@@ -57,12 +57,12 @@ class Cameras:
     def look(self) -> None:
         """Begin to read the cameras that have a subscriber now, and end with the others. Call it regularly."""
         for camera in self._cameras.values():
-            is_wanted = camera.pictures.has_subscribers or camera.info.has_subscribers
-            if is_wanted and not camera.is_read:
+            has_subscribers = camera.pictures.has_subscribers or camera.info.has_subscribers
+            if has_subscribers and not camera.is_read:
                 self._mesh.subscribe(camera.key, camera.on_picture)
-            elif camera.is_read and not is_wanted:
+            elif camera.is_read and not has_subscribers:
                 self._mesh.unsubscribe(camera.key)
-            camera.is_read = is_wanted
+            camera.is_read = has_subscribers
 
     def close(self) -> None:
         """End with all cameras."""

@@ -144,10 +144,10 @@ def read_driver(driver: Driver) -> Layout:
                 if axis.unit in _SPEED_UNITS and axis.key in TWIST_AXES:
                     twist[TWIST_AXES[axis.key]] = axis.key
             elif part.kind is not PartKind.DRONE:
-                found = list(_joint(axis, part.kind, units[axis.key]))
-                joints += found
+                of_axis = list(_joint(axis, part.kind, units[axis.key]))
+                joints += of_axis
                 if part.kind is PartKind.GRIPPER and len(part.axes) == 1:
-                    grippers += [_gripper(axis, joint) for joint in found]
+                    grippers += [_gripper(axis, joint) for joint in of_axis]
     commanded = frozenset(joint.key for joint in joints)
     joints += [Joint(each.key, 0.0, SCALES[each.unit]) for each in driver.READ_ONLY_JOINTS if each.unit in SCALES]
     timing = driver.timing

@@ -191,7 +191,7 @@ def _refuse_tolerance(tolerance: Mapping[str, Any], names: Sequence[str]) -> Pro
         return Problem(Error.INVALID_JOINTS, text)
     if math.isnan(tolerance["position"]):
         return Problem(Error.INVALID_GOAL, f"the tolerance of {tolerance['name']} is not a number")
-    if any(tolerance[what] > 0.0 for what in ("velocity", "acceleration")):
+    if any(tolerance[field] > 0.0 for field in ("velocity", "acceleration")):
         text = f"tolerances of velocity and acceleration are not supported. Leave those of {tolerance['name']} at 0"
         return Problem(Error.INVALID_GOAL, text)
     return None

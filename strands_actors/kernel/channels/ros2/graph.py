@@ -119,7 +119,7 @@ class Client:
     def send(
         self, request: Mapping[str, Any], on_response: Callable[[dict[str, Any]], None], within_s: float
     ) -> None:
-        """Send a request. ``on_response`` is called in the loop with the response, unless there is none.
+        """Send a request. ``on_response`` is called in the loop with the response, if one comes.
 
         Args:
             request: The request.
@@ -341,7 +341,7 @@ class Graph:
         self._inboxes.append(inbox)
 
     def wake(self) -> None:
-        """Let the loop handle what has arrived. It may be called from any thread."""
+        """Let the loop handle arrivals. It may be called from any thread."""
         self._waker.wake()
 
     def forget(self, inbox: _Inbox) -> None:
