@@ -23,7 +23,7 @@ CMD_VEL = "/yahboom_m3pro/cmd_vel"
 
 
 @pytest.fixture
-def base(tmp_path: Path, run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+def base(tmp_path: Path, run_dir: Path, patient: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     # The driver guards its twist: over the mesh it needs the permission of the robot's host.
     monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "linear.x,linear.y,angular.z")
     endpoint = f"tcp/127.0.0.1:{free_port()}"

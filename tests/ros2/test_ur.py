@@ -43,7 +43,7 @@ def ur_on_graph(directory: Path, hashed: bool, **keywords: Any) -> Iterator[tupl
             arm.cleanup()
 
 
-def test_pose_wrench_and_pictures_of_an_arm(tmp_path: Path, run_dir: Path) -> None:
+def test_pose_wrench_and_pictures_of_an_arm(tmp_path: Path, run_dir: Path, patient: None) -> None:
     with ur_on_graph(tmp_path, True, cameras={"eye": SETTINGS}) as (arm, program):
         wrenches = program.listen("/ur5e/wrench", "geometry_msgs/msg/WrenchStamped")
         poses = program.listen("/ur5e/tool_pose", "geometry_msgs/msg/PoseStamped")
@@ -65,7 +65,9 @@ def test_pose_wrench_and_pictures_of_an_arm(tmp_path: Path, run_dir: Path) -> No
         assert (info.width, info.height, info.header.frame_id) == (WIDTH, HEIGHT, "ur5e/eye_optical")
 
 
-def test_humble_reads_and_moves_an_arm_with_keys_without_hashes(tmp_path: Path, run_dir: Path) -> None:
+def test_humble_reads_and_moves_an_arm_with_keys_without_hashes(
+    tmp_path: Path, run_dir: Path, patient: None
+) -> None:
     with ur_on_graph(tmp_path, False) as (_, program):
         assert {parts[11] for parts in program.tokens() if parts[5] != "NN"} == {"TypeHashNotSupported"}
         received = program.listen_raw(

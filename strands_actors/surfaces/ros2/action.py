@@ -51,7 +51,7 @@ class TrajectoryAction:
         self.run = self._server.run
 
     async def _execute(self, goal: Goal, message: Mapping[str, Any]) -> Ending:
-        trajectory = read_trajectory(message, self._layout, self._mover.measured)
+        trajectory = read_trajectory(message, self._layout, await self._mover.read())
         if isinstance(trajectory, Problem):
             problem: Problem | None = trajectory
         else:
@@ -104,7 +104,7 @@ class GripperAction:
 
     async def _execute(self, goal: Goal, message: Mapping[str, Any]) -> Ending:
         gripper, key = self._gripper, self._gripper.joint.key
-        position, start = message["command"]["position"], self._mover.measured.get(key)
+        position, start = message["command"]["position"], (await self._mover.read()).get(key)
         if start is None or not math.isfinite(position):
             self._log(f"{self._name}: the position of {key} is not known, or that of the goal is not a number")
             return self._ending(Problem(Error.INVALID_GOAL, ""), False, math.nan)
@@ -204,7 +204,7 @@ class TrajectoryTopic:
     async def _carry_out(self, message: Mapping[str, Any]) -> None:
         if not message["points"]:
             return
-        trajectory = read_trajectory(goal_of_topic(message), self._layout, self._mover.measured)
+        trajectory = read_trajectory(goal_of_topic(message), self._layout, await self._mover.read())
         if not isinstance(trajectory, Problem):
             is_over = lambda: self._newest is not None  # noqa: E731
             problem = await self._mover.move(f"{self._topic}, {self._sender}", trajectory, is_over)

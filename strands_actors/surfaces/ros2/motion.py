@@ -51,11 +51,21 @@ class Mover:
         self._report = report
         self._measured: dict[str, float] = {}
         self._measured_at = -FRESH_S
+        self._came = trio.Event()
 
     def on_positions(self, message: Mapping[str, Any], age_s: float) -> None:
         """Take the newest joint state of the robot, and its age in seconds."""
         self._measured = dict(zip(message["name"], message["position"], strict=True))
         self._measured_at = trio.current_time() - age_s
+        came, self._came = self._came, trio.Event()
+        came.set()
+
+    async def read(self) -> Mapping[str, float]:
+        """Return the measured positions, as ``measured``. If they are too old, wait for the next ones."""
+        with trio.move_on_after(FRESH_S):
+            while not self.measured:
+                await self._came.wait()
+        return self.measured
 
     @property
     def measured(self) -> Mapping[str, float]:
