@@ -90,9 +90,10 @@ def test_saf_001_a_foreign_node_is_driven_under_our_gates_and_stopped(foreign: F
 
         def moves() -> bool:
             """Try again if a pause of the machine has ended the motion."""
-            return bool(
-                robot.move_to({"shoulder": 0.5}, seconds=1.0)["status"] == "success" or robot.resume() is None
-            )
+            if robot.move_to({"shoulder": 0.5}, seconds=1.0)["status"] == "success":
+                return True
+            robot.resume()
+            return False
 
         until(moves, "it comes to its end")
         until(lambda: abs(robot.get_observation()["shoulder"] - 0.5) < 0.02, "the arm has moved")
