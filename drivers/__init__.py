@@ -36,6 +36,8 @@ __all__ = [
     "MODEL",
     "NATIVE_DRIVER",
     "PLAIN",
+    "ROS2",
+    "ROS2_DRIVER",
     "SIMULATION",
     "HardwareDriver",
     "broken_drivers",
@@ -96,8 +98,14 @@ SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 URDF = "strands_actors.drivers.common.kinematics.urdf:urdf_of"
 """Location of the function that writes the URDF of a robot, from ``Driver.link_rows``."""
 
+TOOL_POSE = "strands_actors.drivers.common.kinematics.tool:tool_pose"
+"""Location of the function that computes the pose of an arm's tool, from ``Driver.arm_model``."""
+
 MODEL = "strands_actors.drivers.model.driver:ModelDriver"
 """Location of the class that simulates a user's model file."""
+
+ROS2 = "strands_actors.drivers.ros2.driver:Ros2Driver"
+"""Location of the class that drives a node of a ROS 2 graph, by a table of the user."""
 
 PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
 """Location of the class that runs a user's plain driver class (``docs/drivers.md``), which is no ``Driver``."""
@@ -124,7 +132,10 @@ NATIVE_DRIVER = "strands"
 DEFAULT_DRIVER = "lerobot"
 """Value of ``Robot(driver=)`` for LeRobot's class. It is the default of a robot without a native driver."""
 
-DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
+ROS2_DRIVER = "ros2"
+"""Value of ``Robot(driver=)`` for a node of a ROS 2 graph. The robot needs no registration, but a ``table``."""
+
+DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER, ROS2_DRIVER)
 """Values of ``Robot(driver=)``."""
 
 OWN_KEYWORDS = ("cameras", "data_config", "id", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
@@ -386,9 +397,9 @@ def port_kind(name: str) -> Literal["serial", "address"] | None:
     return "serial" if robot_type is None or robot_type.serial else "address"
 
 
-def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
-    """Return which kind of driver runs a robot: ``strands`` (a class of this package, or registered) or
-    ``lerobot``.
+def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot", "ros2"]:
+    """Return which kind of driver runs a robot: ``strands`` (a class of this package, or registered),
+    ``lerobot``, or ``ros2`` (a node of a ROS 2 graph).
 
     A requested driver is used. With ``auto``, the robot's registration decides. Without a registration, a robot
     with a ``strands`` driver gets that, and every other robot gets ``lerobot``.
@@ -399,6 +410,8 @@ def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerob
     robot = canonical_name(name)
     if driver not in DRIVER_CHOICES:
         raise ValueError(f"Robot: driver is {driver!r}. Use one of {', '.join(map(repr, DRIVER_CHOICES))}")
+    if driver == ROS2_DRIVER:
+        return "ros2"
     record = _robots.get(robot)
     if driver == "auto":
         driver = (record.driver if record else None) or (NATIVE_DRIVER if robot in _registered else DEFAULT_DRIVER)

@@ -21,6 +21,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from benchmarks.stage import at_home
 from strands_actors import Robot
@@ -74,10 +75,11 @@ class Arm:
         self.events.append(f"{time.monotonic() - began_s:.2f} s {self.robot.name}: {event}")
 
 
-def start(number: int, directory: Path) -> Arm:
+def start(number: int, directory: Path, **keywords: Any) -> Arm:
+    """Return a connected arm with its simulated robot. ``keywords`` are further arguments of ``Robot``."""
     log = directory / f"{number}.ndjson"
     os.environ["STRANDS_ACTORS_TWIN_LOG"] = str(log)
-    robot = Robot("so101", mode="real", transport="twin", tool_name=f"arm{number:02}")
+    robot = Robot("so101", mode="real", transport="twin", tool_name=f"arm{number:02}", **keywords)
     arm = Arm(robot, WireLog(log))
     problem = robot.connect_eagerly()
     if problem is not None:

@@ -45,6 +45,7 @@ class Franka(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.franka.stop_channel:FrankaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.franka.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("flange_m", frame="base"),)
+    TORQUES: ClassVar[str] = "effort_nm"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)

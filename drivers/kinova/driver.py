@@ -44,6 +44,7 @@ class Kinova(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tool_position_m", frame="base", tcp_position="tool_position_m"),)
+    TORQUES: ClassVar[str] = "torque_nm"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)

@@ -42,6 +42,7 @@ class Kuka(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.kuka.wire:KukaWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kuka.stop_channel:KukaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kuka.twin:main"
+    TORQUES: ClassVar[str] = "torque_nm"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
@@ -89,6 +90,11 @@ class Kuka(Driver):
         table = model_table(self.arm)
         home = tuple(table["home_rad"])
         return ArmModel(arm_table(table), self.axes, "link7", (0.0, 0.0, FLANGE_M), home=home)
+
+    def link_rows(self) -> str:
+        from .twin.model import model_table
+
+        return str(model_table(self.arm)["model_rows"])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return the position from which the first motion begins: the commanded one, which the arm follows."""

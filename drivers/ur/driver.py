@@ -71,7 +71,10 @@ class UR(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.ur.wire:URWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),
+        Sensor("wrench", {"wrench": "wrench_n_nm"}, words={"frame": "base"}),
+    )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
@@ -133,6 +136,11 @@ class UR(Driver):
             return ArmModel(table, self.axes, FLANGE, home=HOME_RAD)
         link, tool_m = load(f"{MOUNTED}:LINK"), load(f"{MOUNTED}:tool_m")(self._gripper)
         return ArmModel(table, self.axes, link, tool_m, home=HOME_RAD)
+
+    def link_rows(self) -> str:
+        from .twin.model import model_table
+
+        return str(model_table(arm_of(self.robot))["model_rows"])
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}

@@ -41,6 +41,7 @@ class XArm(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
+    TORQUES: ClassVar[str] = "torque_nm"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
 

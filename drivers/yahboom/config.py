@@ -17,9 +17,9 @@ ROSBRIDGE = "rosbridge"
 ROS2 = "ros2"
 LINKS = {
     ROSBRIDGE: f"{__package__}.rosbridge:RosbridgeLink",
-    ROS2: f"{__package__}.dds:DdsLink",
+    ROS2: f"{__package__}.ros2:Ros2Link",
 }
-"""Links that the root may load, by transport."""
+"""Links by transport. The wire process and the root use the same."""
 
 DEFAULT_HOST = "127.0.0.1"
 
@@ -29,7 +29,7 @@ MAX_DOMAIN = 232
 
 
 def domain_of_environment() -> int:
-    """Return the DDS domain: the environment variable ``ROS_DOMAIN_ID``, or ``DOMAIN`` if it is not set. Raise
+    """Return the ROS domain: the environment variable ``ROS_DOMAIN_ID``, or ``DOMAIN`` if it is not set. Raise
     ``WireDown`` for an invalid value."""
     text = os.environ.get("ROS_DOMAIN_ID") or str(DOMAIN)
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
@@ -45,6 +45,7 @@ class YahboomConfig(msgspec.Struct, frozen=True):
     axes: tuple[str, ...]
     ids: tuple[int, ...]
     servos: tuple[Servo, ...]
+    humble: bool = False
 
     def address(self) -> tuple[str, int]:
         """Return host and port of rosbridge. Raise ``ValueError`` for an invalid ``port``."""

@@ -25,6 +25,7 @@ from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATUS, STOP, 
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
+from strands_actors.drivers.common.ports.ros2_graph import check_router
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
@@ -34,9 +35,6 @@ from .messages import CMD_VEL
 from .robots import ARM_JOINTS, BASE, TABLES, Servo, base_axes, servo_axes, table_of
 
 BY_ROS2 = "transport='ros2'"
-ROS2_SILENT_S = 3.0
-"""Longest time that the import of rclpy may block the process [assumed]."""
-
 _DEGREES = {
     "type": "array",
     "items": {"type": "number"},
@@ -62,8 +60,11 @@ class YahboomOptions(DriverOptions, frozen=True):
     ] = 1500
     transport: Annotated[
         Literal["rosbridge", "ros2"],
-        option("how the robot's topics are reached: by rosbridge's WebSocket, or with rclpy on the robot"),
+        option("how the robot's topics are reached: by rosbridge's WebSocket, or as a node of its ROS 2 graph"),
     ] = "rosbridge"
+    humble: Annotated[
+        bool, option("with transport='ros2': the graph is ROS 2 Humble, which has no type hashes")
+    ] = False
 
 
 class YahboomM3Pro(Driver):
@@ -73,7 +74,7 @@ class YahboomM3Pro(Driver):
     PORT_OPTIONAL: ClassVar[bool] = True
     TRANSPORTS: ClassVar[tuple[str, ...]] = (ROSBRIDGE, ROS2, "twin")
     EXPERIMENTAL: ClassVar[Mapping[str, str]] = {
-        BY_ROS2: "this was never run on a real robot, only with a replacement for rclpy"
+        BY_ROS2: "this was never run on a real robot, only with a node on a graph of rmw_zenoh's wire"
     }
     WIRE: ClassVar[str] = "strands_actors.drivers.yahboom.wire:YahboomWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.yahboom.stop:YahboomStopChannel"
@@ -137,12 +138,11 @@ class YahboomM3Pro(Driver):
         )
         self.caveats = (self.experimental(BY_ROS2),) if read.transport == ROS2 else ()
         self._time_ms = read.move_time_ms
-        self.config = YahboomConfig(self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos)
+        self.config = YahboomConfig(
+            self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos, read.humble
+        )
         timing = type(self).timing
-        # Importing rclpy and making its first node may block this process for a while.
-        silent_s = ROS2_SILENT_S if read.transport == ROS2 else 0.0
-        open_s = read.timeout_s + timing.handover_s + silent_s + 1.0
-        self.timing = msgspec.structs.replace(timing, open_s=open_s, silent_s=silent_s)
+        self.timing = msgspec.structs.replace(timing, open_s=read.timeout_s + timing.handover_s + 1.0)
         self.gates = all_gates(self.table, servos, timing.state_ttl_s)
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
         # The home pose is given in servo degrees. Its radians depend on the option ``joint_signs``.
@@ -151,6 +151,8 @@ class YahboomM3Pro(Driver):
     def check_port(self) -> None:
         if self.config.transport == ROSBRIDGE:
             self.config.address()
+        else:
+            check_router(self.config.port)
 
     def preload(self) -> None:
         super().preload()

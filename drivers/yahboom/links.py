@@ -1,8 +1,8 @@
 """The interface of a link to the robot's ROS topics. It publishes at once, and keeps the newest
 message of each topic.
 
-``rosbridge.RosbridgeLink`` implements it over a WebSocket, ``ros2.Ros2Link`` with rclpy on the
-robot.
+``rosbridge.RosbridgeLink`` implements it over a WebSocket, ``ros2.Ros2Link`` as a node of the
+robot's ROS 2 graph.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -143,7 +143,12 @@ Message = Odometry | Imu | dict[str, float] | float
 """The content of a topic: odometry, inertial unit, joints by name in radians, or the nearest distance of a
 scan in metres."""
 
-Struct = TypeVar("Struct")
+_STRUCTS: Mapping[str, type[_Odometry | _Imu | _JointState | _Scan]] = {
+    ODOMETRY: _Odometry,
+    IMU: _Imu,
+    JOINT_STATES: _JointState,
+}
+"""The struct of each topic. All other topics are scans."""
 
 
 def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
@@ -188,15 +193,19 @@ def read_arm(message: Mapping[str, Any]) -> ArmGoal:
 
 
 def read_report(topic: str, message: bytes | msgspec.Raw) -> Message:
-    """Decode a message of a topic in ``REPORTED`` or ``OPTIONAL``. Raise ``MalformedFrame``."""
-    if topic == ODOMETRY:
-        return _odometry(_struct(_Odometry, message))
-    if topic == IMU:
-        return _imu(_struct(_Imu, message))
-    if topic == JOINT_STATES:
-        state = _struct(_JointState, message)
-        return dict(zip(state.name, state.position, strict=False))
-    return nearest_m(_struct(_Scan, message))
+    """Decode a message of a topic in ``REPORTED`` or ``OPTIONAL`` from JSON. Raise ``MalformedFrame``."""
+    try:
+        return _message(msgspec.json.decode(message, type=_STRUCTS.get(topic, _Scan)))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise MalformedFrame(f"{topic}: {error}") from None
+
+
+def read_fields(topic: str, fields: Mapping[str, Any]) -> Message:
+    """Convert the fields of such a message, which came from the graph. Raise ``MalformedFrame``."""
+    try:
+        return _message(msgspec.convert(fields, type=_STRUCTS.get(topic, _Scan)))
+    except (msgspec.ValidationError, ValueError) as error:
+        raise MalformedFrame(f"{topic}: {error}") from None
 
 
 def nearest_m(scan: Any) -> float:
@@ -220,8 +229,7 @@ def quaternion_of(yaw_rad: float) -> dict[str, float]:
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
 
 
-def _odometry(message: Any) -> Odometry:
-    """Convert a ``nav_msgs/Odometry``, decoded from JSON or received by rclpy."""
+def _odometry(message: _Odometry) -> Odometry:
     stamp, pose, speeds = message.header.stamp, message.pose.pose, message.twist.twist
     return Odometry(
         stamp.sec * 10**9 + stamp.nanosec,
@@ -232,27 +240,32 @@ def _odometry(message: Any) -> Odometry:
     )
 
 
-def _imu(message: Any) -> Imu:
-    """Convert a ``sensor_msgs/Imu``, decoded from JSON or received by rclpy."""
+def _imu(message: _Imu) -> Imu:
     turned, gyro, pushed = message.orientation, message.angular_velocity, message.linear_acceleration
     return Imu((turned.w, turned.x, turned.y, turned.z), (gyro.x, gyro.y, gyro.z), (pushed.x, pushed.y, pushed.z))
 
 
-def read_object(topic: str, message: Any) -> Message:
-    """Decode a message object that rclpy has received, as ``read_report`` does for JSON."""
-    if topic == ODOMETRY:
-        return _odometry(message)
-    if topic == IMU:
-        return _imu(message)
-    if topic == JOINT_STATES:
-        return dict(zip(message.name, message.position, strict=False))
-    return nearest_m(message)
+def _message(message: _Odometry | _Imu | _JointState | _Scan) -> Message:
+    match message:
+        case _Odometry():
+            return _odometry(message)
+        case _Imu():
+            return _imu(message)
+        case _JointState():
+            return dict(zip(message.name, message.position, strict=False))
+        case _Scan():
+            return nearest_m(message)
 
 
 def plain_type(name: str) -> str:
     """Return the name of a message type as ROS 1 and rosbridge spell it: ``geometry_msgs/Twist``
     for ``geometry_msgs/msg/Twist``."""
     return name.replace("/msg/", "/")
+
+
+def full_type(name: str) -> str:
+    """Return the name of a message type as ROS 2 spells it, for one of ``plain_type``."""
+    return name.replace("/", "/msg/")
 
 
 def stands(speed: Twist, still: Sequence[float] = (0.01, 0.01, 0.02)) -> bool:
@@ -263,10 +276,3 @@ def stands(speed: Twist, still: Sequence[float] = (0.01, 0.01, 0.02)) -> bool:
         still: Largest speeds that count as zero: m/s, m/s, rad/s [assumed].
     """
     return all(abs(value) <= most for value, most in zip(speed, still, strict=True))
-
-
-def _struct(struct_type: type[Struct], message: bytes | msgspec.Raw) -> Struct:
-    try:
-        return msgspec.json.decode(message, type=struct_type)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise MalformedFrame(f"{struct_type.__name__.strip('_')}: {error}") from None

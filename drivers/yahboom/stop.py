@@ -71,9 +71,8 @@ def reports_of(
 
 
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
-    """Stop an M3 Pro from the supervising process (root), by the root's own connection to
-    rosbridge. With ``transport="ros2"`` the root writes to DDS itself, because rclpy must not be
-    loaded in the root."""
+    """Stop an M3 Pro from the supervising process (root), by the root's own connection to rosbridge, or
+    by the root's own node on the graph."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -98,7 +97,6 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
 
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
-    """Return a link for a stop that does not load rclpy, so that the supervising process (root) may
-    use it."""
+    """Return a link for a stop. It is not open yet."""
     link: StopLink = load(LINKS[config.transport])(config, clock)
     return link

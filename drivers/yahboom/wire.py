@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
@@ -21,7 +22,7 @@ from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.drivers.common.kit.reporting_base import stop_by_each, stop_until_it_stands
 from strands_actors.kernel.clock import NS, Clock
 
-from .config import ROS2, YahboomConfig
+from .config import LINKS, YahboomConfig
 from .gates import ARM_AT, ARM_MS, DRIVES
 from .links import RosLink
 from .messages import SCANS, ArmGoal, Twist
@@ -182,11 +183,5 @@ class YahboomWire(Wire):
 
 def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
     """Return the link to the robot for commands. It is not open yet."""
-    if config.transport == ROS2:
-        # Import this only when it is needed. rclpy itself is loaded when the link is opened.
-        from .ros2 import Ros2Link
-
-        return Ros2Link(config, clock)
-    from .rosbridge import RosbridgeLink
-
-    return RosbridgeLink(config, clock)
+    link: RosLink = load(LINKS[config.transport])(config, clock)
+    return link

@@ -300,6 +300,8 @@ class Driver(ABC):
     """Sensors and the topics on which they are published. All other readings are in ``health``."""
     READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = ()
     """Joints that are observed but not commanded."""
+    TORQUES: ClassVar[str] = ""
+    """The sensor with the torques of the first axes, in N m and in the axes' order; empty if there is none."""
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
     """Sensors with readings that are part of the reply to an accepted command (``accepted``), the newest ones."""
     GUARDED: ClassVar[tuple[str, ...]] = ()

@@ -17,6 +17,7 @@ TOPICS_HZ: Mapping[str, float] = {
     "pose": 10.0,
     "imu": 10.0,
     "odom": 10.0,
+    "wrench": 10.0,
     "battery": 0.5,
     "lidar/summary": 5.0,
     "lidar/state": 1.0,

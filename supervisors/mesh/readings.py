@@ -68,6 +68,8 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
             state["targets"] = driver.as_json(status.target)
         if observation.velocity:
             state["velocities"] = driver.as_json(observation.velocity)
+        if driver.TORQUES in observation.sensors:
+            state["efforts"] = dict(zip(driver.axes, observation.sensors[driver.TORQUES], strict=False))
         if "sim_time_s" in observation.sensors:
             state["sim_time"] = observation.sensors["sim_time_s"][0]
     return state

@@ -145,7 +145,7 @@ class MeshService:
             node.cell(actors.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
             node.cell(
                 actors.path("telemetry"),
-                lambda: Telemetry(robot, driver, pubsub, self._task, counts, self._restarts),
+                lambda: Telemetry(robot, driver, pubsub, self._task, counts, self._restarts, self._rings or dict),
             ),
         ]
         if (rings := self._rings) is not None:

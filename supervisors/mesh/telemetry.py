@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from strands_actors.contract.driver import Driver
@@ -65,6 +65,7 @@ class Telemetry(Actor):
         task: Returns the status of the task that the root has started.
         counts: Returns the root's counters for ``health``.
         restarts: Returns how often each process of the robot was started again.
+        cameras: Returns the names of the cameras that have given a picture.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Telemetry(Actor):
         task: Callable[[], TaskStatus],
         counts: Callable[[], Mapping[str, int]],
         restarts: Callable[[], Mapping[str, int]],
+        cameras: Callable[[], Iterable[str]] = tuple,
     ) -> None:
         self._robot = robot
         self._driver = driver
@@ -83,6 +85,7 @@ class Telemetry(Actor):
         self._task = task
         self._counts = counts
         self._restarts = restarts
+        self._cameras = cameras
         self._host = socket.gethostname()
         self._model_units = _model_units(driver)
         self._topics: dict[str, Topic] = {}
@@ -161,14 +164,15 @@ class Telemetry(Actor):
     def _available(self, status: Status | None) -> list[str]:
         """Return the names of the topics. For some sensors the driver does not know the fields in advance
         (``Sensor.prefix``). Their topic is listed once the robot has reported a value. ``lidar`` is added if there
-        is any lidar topic, since strands-robots uses this name."""
+        is any lidar topic, since strands-robots uses this name. Cameras are listed once they have a picture."""
         sensors = {} if status is None or status.observation is None else status.observation.sensors
         topics = [
             rate.topic
             for rate in self._rates
             if rate.sensor is None or not rate.sensor.prefix or rate.sensor.read(sensors)
         ]
-        return topics + ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
+        topics += ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
+        return topics + [mesh_json.camera_topic(name) for name in sorted(self._cameras())]
 
     def _charge_and_heat(self, observation: Observation) -> dict[str, Any]:
         """Return ``battery_pct`` and ``temps`` if the robot measures them. Subscribers of strands-robots expect

@@ -44,6 +44,7 @@ PAGES: Mapping[str, Blocks] = {
     "docs/policies.md": Blocks(How.AS_WRITTEN),
     "docs/python.md": Blocks(How.AS_WRITTEN, {4: "a part of a trio program, which does not end"}),
     "docs/recording.md": Blocks(How.AS_WRITTEN, {1: "needs the recording that the command above it makes"}),
+    "docs/ros2.md": Blocks(How.AS_WRITTEN, {1: "needs a node, as tests/ros2/test_foreign.py has one"}),
     "docs/safety-evidence.md": Blocks(How.ON_TWINS),
     "docs/teleoperation.md": Blocks(How.AS_WRITTEN, {1: "leads an arm until it is interrupted"}),
     "docs/testing.md": Blocks(

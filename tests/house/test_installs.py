@@ -105,7 +105,7 @@ def declared(lines: Iterable[str]) -> set[str]:
 
 
 BROUGHT = {
-    "rclpy": "on the robot", "draccus": "by lerobot", "warp": "by newton",
+    "draccus": "by lerobot", "warp": "by newton",
     "isaacsim": "by who has a card for it", "omni": "by isaacsim", "rerun": "by rerun-sdk",
 }  # fmt: skip
 """Modules that come with a declared package."""

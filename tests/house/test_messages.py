@@ -18,6 +18,7 @@ from strands_actors.caller.handle.robot import AsyncRobot, RealRobot, SimRobot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import (
     DRIVER_CHOICES,
+    ROS2,
     constructor_keywords,
     get_native_driver_class,
     list_native_drivers,
@@ -82,6 +83,7 @@ def keywords() -> set[str]:
     for provider in list_providers().values():
         module, _, name = provider.where.partition(":")
         found |= set(inspect.signature(getattr(importlib.import_module(module), name)).parameters)
+    found |= set(constructor_keywords(load(ROS2)))
     for robot in list_native_drivers():
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None

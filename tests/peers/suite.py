@@ -1,8 +1,8 @@
 """Drive real programs of other vendors: ``python -m tests peers``. The ordinary tests do not load this suite.
 
-Our driver drives Reachy Mini's own daemon with a mocked robot. npm's roslib (Node.js 20 or newer) drives
-our rosbridge. The first run installs each with pip or npm in ``benchmarks/.peers``. The tests take the
-state that the daemon reports as the truth.
+Our driver drives Reachy Mini's own daemon with a mocked robot. npm's roslib (Node.js 20 or newer) drives our
+rosbridge, and npm's rosmsg2-serialization reads our messages of ROS 2. The first run installs each with pip or npm
+in ``benchmarks/.peers``. The tests take the state that the daemon reports as the truth.
 """
 
 from __future__ import annotations
@@ -26,15 +26,20 @@ from benchmarks import peers
 from strands_actors import Robot, estop
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.reachy import protocol as p
+from strands_actors.kernel.channels.ros2 import cdr
+from strands_actors.kernel.channels.ros2.cdr import FORMATS
+from strands_actors.kernel.channels.ros2.definitions import ARRAY, MESSAGES, SINGLE, fields_of, parse_type
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.reachy.test_cameras import Media
 from tests.drivers.yahboom.rig import judge_client
 from tests.ports import free_port
+from tests.ros2.peer import STORE
 
 HERE = Path(__file__).parent
 POSE = "/api/state/present_head_pose"
 ROSLIB = "roslib@2.1.0"
+ROSMSG2 = ("@foxglove/rosmsg2-serialization@3.1.0", "@foxglove/rosmsg@5.0.5")
 STRAIGHT_RAD = 0.1
 LOOK_S = 0.05
 LONG_S = 300.0
@@ -291,12 +296,61 @@ def test_the_vendors_client_finds_the_stream_of_our_media_server() -> None:
     assert "{'name': 'reachymini'}" in done.stdout, done.stderr
 
 
-def test_roslib_of_npm_drives_reads_and_gets_errors(tmp_path: Path) -> None:
-    folder = peers.PLACE / ROSLIB
+def from_npm(*packages: str) -> tuple[str, Path]:
+    """Install packages of npm at the first call. Return the path of Node.js, and the folder with node_modules."""
+    folder = peers.PLACE / packages[0].replace("/", "-")
     node, npm = shutil.which("node"), shutil.which("npm")
     assert node and npm, "this needs Node.js 20 or newer, with npm, on PATH"
-    if not (folder / "node_modules" / "roslib").exists():
-        subprocess.run([npm, "install", "--silent", "--prefix", str(folder), ROSLIB], check=True, timeout=300.0)
+    if not (folder / "node_modules").exists():
+        subprocess.run([npm, "install", "--silent", "--prefix", str(folder), *packages], check=True, timeout=300.0)
+    return node, folder
+
+
+def filled(name: str, number: int = 1) -> dict[str, Any]:
+    """Return a message in which each field has another value, and each sequence two elements."""
+    message: dict[str, Any] = {}
+    for field, text in fields_of(name).items():
+        number += 1
+        base, kind, size = parse_type(text)
+        if base == "string":
+            one: Any = f"text {number}"
+        elif base in FORMATS:
+            one = number % 2 == 0 if base == "bool" else number
+        else:
+            one = filled(base, number)
+        message[field] = one if kind == SINGLE else [one] * (size if kind == ARRAY else 2)
+    return message
+
+
+def as_numbers(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: as_numbers(each) for key, each in value.items()}
+    return [as_numbers(each) for each in value] if isinstance(value, bytes | list) else value
+
+
+def test_foxgloves_library_reads_our_messages_of_ros_2() -> None:
+    node, folder = from_npm(*ROSMSG2)
+    names = sorted(MESSAGES.keys() & STORE.fielddefs.keys() - {"service_msgs/msg/ServiceEventInfo"})
+    payloads = {name: cdr.encode(name, filled(name)) for name in names}
+    messages = [
+        {"definition": STORE.generate_msgdef(name, ros_version=2)[0], "bytes": payload.hex()}
+        for name, payload in payloads.items()
+    ]
+    done = subprocess.run(
+        [node, str(HERE / "rosmsg2.mjs"), str(folder)],
+        input=json.dumps(messages),
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert done.returncode == 0, done.stderr
+    expected = [as_numbers(cdr.decode(name, payload)) for name, payload in payloads.items()]
+    for name, ours, theirs in zip(names, expected, json.loads(done.stdout), strict=True):
+        assert theirs == ours, name
+
+
+def test_roslib_of_npm_drives_reads_and_gets_errors(tmp_path: Path) -> None:
+    node, folder = from_npm(ROSLIB)
     with Twin("yahboom_m3pro", tmp_path) as twin:
         done = subprocess.run(
             [node, str(HERE / "roslib_client.mjs"), str(folder), twin.port],

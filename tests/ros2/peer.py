@@ -97,9 +97,11 @@ class Program:
 
     def publish(self, topic: str, message: Any) -> None:
         payload = STORE.serialize_cdr(message, message.__msgtype__)
-        self._session.put(
-            self._key(topic, message.__msgtype__), bytes(payload), attachment=self._attachment(time.time_ns())
-        )
+        self.put(self._key(topic, message.__msgtype__), bytes(payload))
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish the bytes of a message on a key."""
+        self._session.put(key, payload, attachment=self._attachment(time.time_ns()))
 
     def publish_raw(self, topic: str, type_name: str, payload: bytes, attachment: bytes | None) -> None:
         self._session.put(self._key(topic, type_name), payload, attachment=attachment)

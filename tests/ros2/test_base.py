@@ -23,7 +23,7 @@ CMD_VEL = "/yahboom_m3pro/cmd_vel"
 
 
 @pytest.fixture
-def base(tmp_path: Path, run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+def base(tmp_path: Path, run_dir: Path, patient: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     # The driver guards its twist: over the mesh it needs the permission of the robot's host.
     monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "linear.x,linear.y,angular.z")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -45,13 +45,19 @@ def twist(x: float) -> Any:
     return STORE.types["geometry_msgs/msg/Twist"](vector(x, 0.0, 0.0), vector(0.0, 0.0, 0.0))
 
 
+def stamped(message: Any) -> Any:
+    stamp = STORE.types["builtin_interfaces/msg/Time"](0, 0)
+    header = STORE.types["std_msgs/msg/Header"](stamp, "")
+    return STORE.types["geometry_msgs/msg/TwistStamped"](header, message)
+
+
 @pytest.mark.long
 def test_a_twist_moves_the_base_and_zeros_give_the_lease_back(base: World) -> None:
     odometry = base.program.listen("/yahboom_m3pro/odom", "nav_msgs/msg/Odometry")
     transforms = base.program.listen("/tf", "tf2_msgs/msg/TFMessage")
     inertial = base.program.listen("/yahboom_m3pro/imu", "sensor_msgs/msg/Imu")
     x = until(lambda: odometry, "odometry")[-1].pose.pose.position.x
-    with Stream(base.program, CMD_VEL, lambda: twist(0.2)):
+    with Stream(base.program, CMD_VEL, lambda: stamped(twist(0.2))):
         until(lambda: odometry[-1].pose.pose.position.x > x + 0.05, f"it drives: {base.bridge.lines}")
         assert odometry[-1].twist.twist.linear.x > 0.0
     with Stream(base.program, CMD_VEL, lambda: twist(0.0)):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from math import radians
+from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Reader, Writer
 
 from tests.answers import until
 
 from .conftest import World
+from .peer import STORE
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -32,6 +35,29 @@ def test_the_arm_is_a_node_with_topics_and_services_until_it_leaves(world: World
     )
     world.arm.cleanup()
     until(lambda: "/lab/so101" not in program.nodes(), "the node disappears")
+
+
+@pytest.mark.long
+def test_rosbags_writes_and_reads_a_bag_of_the_topics(world: World, tmp_path: Path) -> None:
+    topics = {
+        "/lab/so101/joint_states": JOINT_STATE,
+        "/lab/so101/tool_pose": "geometry_msgs/msg/PoseStamped",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    }
+    received = {topic: world.program.listen(topic, name) for topic, name in topics.items()}
+    until(lambda: all(len(messages) > 1 for messages in received.values()), "messages of each topic")
+    bag = tmp_path / "bag"
+    with Writer(bag, version=9) as writer:
+        for topic, name in topics.items():
+            connection = writer.add_connection(topic, name, typestore=STORE)
+            for message in received[topic]:
+                stamp = message.header.stamp
+                time_ns = stamp.sec * 10**9 + stamp.nanosec
+                writer.write(connection, time_ns, STORE.serialize_cdr(message, name))
+    with Reader(bag) as reader:
+        read = [STORE.deserialize_cdr(data, connection.msgtype) for connection, _, data in reader.messages()]
+    names = {message.__msgtype__ for message in read}
+    assert names == set(topics.values()) and len(read) >= 6
 
 
 def test_saf_005_a_stop_from_the_graph_reports_each_motor_and_is_on_the_wire(world: World) -> None:

@@ -6,8 +6,8 @@ import contextlib
 
 import trio
 
+from strands_actors.kernel.channels.ros2.names import ros_name
 from strands_actors.surfaces.ros2.bridge import Options, open_bridge
-from strands_actors.surfaces.ros2.names import ros_name
 from tests.answers import until
 from tests.mesh.world import mesh, robot_on_mesh, run
 from tests.ports import free_port

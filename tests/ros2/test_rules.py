@@ -13,15 +13,16 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.surfaces.mesh.outcome import Outcome
 from strands_actors.surfaces.ros2 import answers, readings
-from strands_actors.surfaces.ros2.commands import targets_of_joints, targets_of_twist
+from strands_actors.surfaces.ros2.commands import targets_of_joints, targets_of_numbers, targets_of_twist
 from strands_actors.surfaces.ros2.diagnostics import LEVELS, Level, Summary, diagnostics
 from strands_actors.surfaces.ros2.joints import Layout, layout_of
-from strands_actors.surfaces.ros2.samples import Battery, Health, Imu, Odom, Presence, State
+from strands_actors.surfaces.ros2.samples import Battery, Health, Imu, Odom, Presence, State, Wrench
 from strands_actors.surfaces.ros2.streams import PAUSE_S, Delay, Sender, Streams
 
 TTL_S = 0.1
 MS = NS // 1000
 ONE, TWO = Sender(b"1" * 16, "/one"), Sender(b"2" * 16, "/two")
+UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 ARM = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
@@ -137,6 +138,14 @@ def test_positions_are_targets_in_the_units_of_the_driver() -> None:
     assert code(targets_of_joints("/t", twice, arm)) == "malformed"
 
 
+def test_numbers_are_positions_of_all_joints_in_their_order() -> None:
+    arm = layout("so101", *ARM)
+    targets = targets_of_numbers("/t", {"data": [math.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0]}, arm)
+    assert isinstance(targets, dict) and list(targets) == list(ARM)
+    assert targets["shoulder_pan"] == pytest.approx(90.0)
+    assert code(targets_of_numbers("/t", {"data": [0.0]}, arm)) == "malformed"
+
+
 # -- readings
 
 
@@ -152,6 +161,30 @@ def test_saf_012_a_joint_state_has_the_time_of_its_reading_and_an_old_one_is_not
     assert readings.joint_state(State(1000.5), arm) is None
     moving = readings.joint_state(State(1.0, joints, dict.fromkeys(ARM, 180.0), 0.0), arm)
     assert moving is not None and moving["velocity"][0] == pytest.approx(math.pi)
+
+
+def test_efforts_are_published_if_one_joint_reports_one() -> None:
+    arm = layout("so101", *ARM)
+    joints = dict.fromkeys(ARM, 0.0)
+    message = readings.joint_state(State(1.0, joints, {}, 0.0, {"wrist_roll": 1.5}), arm)
+    assert message is not None and message["effort"][4] == 1.5 and math.isnan(message["effort"][0])
+    silent = readings.joint_state(State(1.0, joints, {}, 0.0), arm)
+    assert silent is not None and silent["effort"] == []
+
+
+def test_a_wrench_has_three_forces_and_three_torques() -> None:
+    sample = Wrench(1.0, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    message = readings.wrench(sample, layout("ur5e", *UR).fields["wrench"], "ur5e/base")
+    assert message is not None and message["wrench"]["force"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert message["wrench"]["torque"] == {"x": 4.0, "y": 5.0, "z": 6.0}
+    assert readings.wrench(Wrench(1.0, [1.0]), frozenset({"wrench"}), "") is None
+
+
+@given(st.binary(max_size=64))
+def test_any_bytes_are_a_picture_with_a_size_or_none(data: bytes) -> None:
+    for payload in (data, b"\xff\xd8\xff" + data):
+        size = readings.jpeg_size(payload)
+        assert size is None or len(size) == 2
 
 
 def test_what_an_imu_does_not_measure_is_marked() -> None:

@@ -54,7 +54,9 @@ sleep 3
 import signal, time
 from strands_actors import Robot
 
-arm = Robot("so101", mode="real", transport="twin")
+arm = Robot(
+    "so101", mode="real", transport="twin", cameras={"eye": {"type": "strands_actors.testing.still_camera:open_camera"}}
+)
 print(arm.connect_eagerly(), arm.release()["status"], flush=True)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
@@ -93,9 +95,24 @@ check "a resume energises the arm" "armed" ros2 service call /so101/resume std_s
 check "a command moves the arm" "publishing" timeout 20 ros2 topic pub --rate 50 --times 200 \
     /so101/joint_command sensor_msgs/msg/JointState "{name: [shoulder_pan], position: [0.3]}"
 check "the arm has moved" "0\.2[5-9]\|0\.3[0-4]" ros2 topic echo --once --field position /so101/joint_states sensor_msgs/msg/JointState
+check "the pose of the tool arrives" "so101/base" ros2 topic echo --once /so101/tool_pose geometry_msgs/msg/PoseStamped
+sleep 2 # The stream has to pause, and the arm holds after it.
+check "a resume after the hold" "armed" ros2 service call /so101/resume std_srvs/srv/Trigger "{}"
 check "a trajectory is carried out" "SUCCEEDED" ros2 action send_goal \
     /so101/follow_joint_trajectory control_msgs/action/FollowJointTrajectory \
     "{trajectory: {joint_names: [shoulder_pan], points: [{positions: [0.1], time_from_start: {sec: 2}}]}}"
+check "a wrong goal is aborted with its reason" "elbow" ros2 action send_goal \
+    /so101/follow_joint_trajectory control_msgs/action/FollowJointTrajectory \
+    "{trajectory: {joint_names: [elbow], points: [{positions: [0.1], time_from_start: {sec: 2}}]}}"
+check "the gripper is opened" "SUCCEEDED" ros2 action send_goal \
+    /so101/gripper_cmd control_msgs/action/GripperCommand "{command: {position: 0.5}}"
+check "a trajectory on a topic" "publishing" timeout 20 ros2 topic pub --once \
+    /so101/joint_trajectory trajectory_msgs/msg/JointTrajectory \
+    "{joint_names: [shoulder_pan], points: [{positions: [0.0], time_from_start: {sec: 1}}]}"
+check "pictures arrive" "format: jpeg" ros2 topic echo --once --no-arr /so101/eye/image_raw/compressed \
+    sensor_msgs/msg/CompressedImage
+check "a bag is recorded" "joint_states" sh -c \
+    "timeout -s INT 6 ros2 bag record -o $directory/bag /so101/joint_states; ros2 bag info $directory/bag"
 check "an e-stop locks the arm" "locked" ros2 service call /so101/estop std_srvs/srv/Trigger "{}"
 
 if [ "$failures" -gt 0 ]; then

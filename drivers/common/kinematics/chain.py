@@ -38,13 +38,13 @@ class Chain:
 
     def __init__(self, table: Mapping[str, Any], joints: Sequence[str]) -> None:
         rows = parse_rows(table["model_rows"])
-        index = {row.body: number for number, row in enumerate(rows)}
+        index = self._index = {row.body: number for number, row in enumerate(rows)}
         self._base = _vector(numbers(table.get("base", {}).get("xyz", "0,0,0")))
         self._links = tuple(
             _Link(
                 parent=index.get(row.parent, -1),
                 offset=_vector(row.xyz),
-                turn=_matrix(row.quat),
+                turn=matrix(row.quat),
                 joint=joints.index(row.joint) if row.joint in joints else None,
                 axis=row.axis,
                 end=_end(row, rows),
@@ -58,17 +58,31 @@ class Chain:
         Args:
             rad: The angle of each joint, in radians.
         """
+        frames = zip(self._links, self._frames(rad), strict=True)
+        return [add(place, turned(turn, link.end)) for link, (place, turn) in frames]
+
+    def frame(self, body: str, rad: Sequence[float]) -> tuple[Vector, Matrix]:
+        """Return position (metres) and orientation of a link.
+
+        Args:
+            body: The name of the link.
+            rad: The angle of each joint, in radians.
+
+        Raises:
+            KeyError: The arm has no such link.
+        """
+        return self._frames(rad)[self._index[body]]
+
+    def _frames(self, rad: Sequence[float]) -> list[tuple[Vector, Matrix]]:
         frames: list[tuple[Vector, Matrix]] = []
-        ends: list[Vector] = []
         for link in self._links:
             origin, turn = frames[link.parent] if link.parent >= 0 else (self._base, _UNTURNED)
-            place = _add(origin, _turned(turn, link.offset))
-            turn = _product(turn, link.turn)
+            place = add(origin, turned(turn, link.offset))
+            turn = product(turn, link.turn)
             if link.joint is not None:
-                turn = _product(turn, _about(link.axis, rad[link.joint]))
+                turn = product(turn, _about(link.axis, rad[link.joint]))
             frames.append((place, turn))
-            ends.append(_add(place, _turned(turn, link.end)))
-        return ends
+        return frames
 
 
 def _end(row: Row, rows: Sequence[Row]) -> Vector:
@@ -91,24 +105,24 @@ def _vector(values: Sequence[float]) -> Vector:
     return x, y, z
 
 
-def _add(first: Vector, second: Vector) -> Vector:
+def add(first: Vector, second: Vector) -> Vector:
     return first[0] + second[0], first[1] + second[1], first[2] + second[2]
 
 
-def _turned(turn: Matrix, vector: Vector) -> Vector:
+def turned(turn: Matrix, vector: Vector) -> Vector:
     x, y, z = vector
     (a, b, c), (d, e, f), (g, h, i) = turn
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-def _product(first: Matrix, second: Matrix) -> Matrix:
+def product(first: Matrix, second: Matrix) -> Matrix:
     columns = tuple(zip(*second, strict=True))
     rows = [tuple(a * x + b * y + c * z for x, y, z in columns) for a, b, c in first]
     return _vector(rows[0]), _vector(rows[1]), _vector(rows[2])
 
 
-def _matrix(quat: Sequence[float]) -> Matrix:
-    """Return the rotation of a quaternion w, x, y, z."""
+def matrix(quat: Sequence[float]) -> Matrix:
+    """Return the rotation of a quaternion w, x, y, z, of any length."""
     length = math.sqrt(sum(value * value for value in quat))
     w, x, y, z = (value / length for value in quat)
     return (
@@ -122,4 +136,4 @@ def _about(axis: Vector, rad: float) -> Matrix:
     """Return the rotation about an axis of length 1."""
     half = rad / 2
     x, y, z = (math.sin(half) * value for value in axis)
-    return _matrix((math.cos(half), x, y, z))
+    return matrix((math.cos(half), x, y, z))

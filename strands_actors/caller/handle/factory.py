@@ -63,7 +63,8 @@ def Robot(
             the hardware. ``"auto"``: real if a port or a transport is given; otherwise the value of
             ``STRANDS_ROBOT_MODE``; otherwise real if exactly one serial adapter of the robot's kind is plugged
             in, else a simulation.
-        driver: ``"auto"``, ``"strands"`` or ``"lerobot"``.
+        driver: ``"auto"``, ``"strands"``, ``"lerobot"``, or ``"ros2"`` for a node of a ROS 2 graph, with
+            ``table``.
         port: Serial device or address of the real robot.
         transport: ``"twin"``: in place of a port, start a simulated robot (twin) that speaks the real protocol.
             A driver may offer other transports.

@@ -1251,7 +1251,7 @@ def Robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
-    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500, humble: bool = False,
 ) -> YahboomM3Pro: ...
 @overload
 def Robot(
@@ -1740,7 +1740,7 @@ def open_robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
-    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500, humble: bool = False,
 ) -> AbstractAsyncContextManager[AsyncYahboomM3Pro]: ...
 @overload
 def open_robot(

@@ -16,6 +16,8 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.shown import closest, shown
 from strands_actors.drivers import (
     MODEL,
+    ROS2,
+    ROS2_DRIVER,
     canonical_name,
     constructor_keywords,
     driver_name,
@@ -198,6 +200,8 @@ def _id(robot: str, spellings: Mapping[str, Any]) -> str:
 
 
 def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
+    if driver == ROS2_DRIVER:
+        return load(ROS2)  # type: ignore[no-any-return]  # by its name
     coverage = list_driver_coverage()
     if has_model and ("strands" not in coverage.get(robot, ()) or get_native_driver_class(robot) is None):
         if driver not in ("auto", "strands"):

@@ -282,6 +282,13 @@ class PubSub:
         """
         self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
+    def unsubscribe(self, key: str) -> None:
+        """End the subscription of a key. Without one this does nothing."""
+        inbox = self._inboxes.pop(key, None)
+        if inbox is not None and not self._closed:
+            with calls:
+                inbox.subscriber.undeclare()
+
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
         """Call ``handler`` for each liveliness token (a key that shows that a session is open) that exists,
         appears or disappears.

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import trio
 
+from strands_actors.kernel.channels.ros2.names import Dialect, is_namespace
 from strands_actors.surfaces.mesh.client import open_mesh
 from strands_actors.surfaces.ros2.bridge import Options, open_bridge
-from strands_actors.surfaces.ros2.names import Dialect, is_namespace
 
 from .errors import Problem
 from .orders import configuration

@@ -135,6 +135,10 @@ class MeshClient:
         """Call ``handler`` for each message that is published on ``key``, also by robots that appear later."""
         self.sessions.subscribe(key, handler)
 
+    def unsubscribe(self, key: str) -> None:
+        """End all subscriptions of a key."""
+        self.sessions.unsubscribe(key)
+
     # -- requests
 
     async def request(

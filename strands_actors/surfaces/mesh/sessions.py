@@ -96,6 +96,12 @@ class Sessions:
         for session in self._open.values():
             self._subscribe(session, key, handler)
 
+    def unsubscribe(self, key: str) -> None:
+        """End all subscriptions of a key."""
+        self._subscriptions = [each for each in self._subscriptions if each[0] != key]
+        for session in self._open.values():
+            session.unsubscribe(key)
+
     def _subscribe(self, session: PubSub, key: str, handler: Callable[[Received], None]) -> None:
         def handle(received: Received) -> None:
             parts = received.key.split("/")

@@ -1,19 +1,19 @@
 """Show robots on a ROS 2 graph, and obey commands from it, without an installation of ROS.
 
-The middleware of the graph must be rmw_zenoh. Pure modules know its bytes and names; only ``graph`` has I/O with
-the graph, and only ``MeshClient`` with the robots.
+The middleware of the graph must be rmw_zenoh. ``kernel/channels/ros2`` has its bytes and names, and the I/O with
+the graph. Only ``MeshClient`` has I/O with the robots.
 
-definitions   the fields of each ROS message and service
-cdr           messages to bytes (XCDR1) and back
-type_hash     the hash of a type's definition, which is part of each key
-names         keys, liveliness tokens, quality of service, attachments
 joints        between the units of a robot and radians, metres and seconds
 streams       which messages may command a robot
 commands      messages to targets in the units of a driver
 readings      the JSON of a robot's topics to ROS messages
-graph         the session with the router: nodes, publishers, subscriptions, services
 trajectory    goals of the action, and the positions on their paths
-action        the action server FollowJointTrajectory
+motion        carry out planned motions
+action_server goals, results and feedback of any action
+action        the actions FollowJointTrajectory and GripperCommand, and the topic with trajectories
+command_topics what the graph moves a robot with
+cameras       pictures, while there is a subscriber
+tool_pose     the pose of an arm's tool
 writer        hold the lease (the right to command) for the graph
 robot_node    one robot as a node of the graph
 bridge        the process: robots come and go

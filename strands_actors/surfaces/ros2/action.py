@@ -1,249 +1,214 @@
-"""Serve the action FollowJointTrajectory of one robot.
-
-An action is three services (send a goal, cancel it, get its result) and two topics (feedback, status). One goal at
-a time is carried out, as a stream of setpoints under the lease. At its end the robot holds and the lease is given
-back, so that the next goal needs no resume. A stop, or the loss of the lease, aborts the goal.
-"""
+"""The actions of one robot: FollowJointTrajectory and GripperCommand, and the topic with trajectories."""
 
 from __future__ import annotations
 
-import enum
+import math
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import trio
 
+from strands_actors.kernel.channels.ros2.definitions import FOLLOW, GRIPPER
+from strands_actors.kernel.channels.ros2.graph import Arrival, Node
 from strands_actors.kernel.messages import Refused
-from strands_actors.surfaces.mesh.client import MeshClient
-from strands_actors.surfaces.mesh.remote import RemoteRobot
 
-from .definitions import CANCEL, FEEDBACK, GET_RESULT, SEND_GOAL, STATUS
-from .graph import Call, Node
-from .joints import Layout
-from .names import Qos
-from .readings import header, stamp
-from .trajectory import Error, Problem, Trajectory, read_trajectory
-from .writer import Writer
+from . import refusals
+from .action_server import ActionServer, Ending, Goal
+from .joints import Gripper, Layout
+from .motion import Mover
+from .readings import header
+from .streams import PAUSE_S
+from .trajectory import SETTLE_S, Error, Problem, Row, Trajectory, goal_of_topic, read_trajectory
 
-KEPT = 32
-"""So many results are kept for clients that ask later."""
-MOST_WAITING = 64
-"""So many clients may wait for results at the same time."""
-FEEDBACK_S = 0.1
-FRESH_S = 1.0
-
-
-class GoalState(enum.IntEnum):
-    """The states of action_msgs/msg/GoalStatus."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
-
-
-class Goal:
-    """A goal, from its acceptance to its result."""
-
-    def __init__(self, goal_id: bytes) -> None:
-        self.id = goal_id
-        self.state = GoalState.ACCEPTED
-        self.accepted_s = time.time()
-        self.error, self.text = Error.SUCCESSFUL, ""
-        self.is_canceled = False
-        self.done = trio.Event()
-
-    @property
-    def info(self) -> dict[str, Any]:
-        return {"goal_id": {"uuid": self.id}, "stamp": stamp(self.accepted_s)}
+LEFT = "the robot has left the graph"
+STALLED_S = 0.6
+"""A gripper that has not moved for so long has closed on something, or cannot move."""
+STALLED_PART = 0.01
+"""A smaller motion than this part of a gripper's range counts as no motion."""
+REACHED_PART = 0.03
+"""A gripper has reached its goal within this part of its range."""
 
 
 class TrajectoryAction:
-    """The action server of one robot.
+    """The action FollowJointTrajectory.
 
     Args:
         node: The node of the robot.
         name: The full name of the action.
-        mesh: The mesh.
-        robot: The name of the robot.
-        layout: Its joints.
-        writer: The writer of the robot's command topics, which is suspended during a goal.
-        report: Called with each refusal of the robot.
+        layout: The joints of the robot.
+        mover: Moves the robot.
         log: Called with each line for the user.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        name: str,
-        mesh: MeshClient,
-        robot: str,
-        layout: Layout,
-        writer: Writer,
-        report: Callable[[Refused], None],
-        log: Callable[[str], None],
-    ) -> None:
-        self.name = name
-        self._mesh = mesh
-        self._robot = robot
+    def __init__(self, node: Node, name: str, layout: Layout, mover: Mover, log: Callable[[str], None]) -> None:
+        self._name = name
         self._layout = layout
-        self._writer = writer
-        self._report = report
+        self._mover = mover
         self._log = log
-        self._goals: OrderedDict[bytes, Goal] = OrderedDict()
-        self._active: Goal | None = None
-        self._waiting = 0
-        self._measured: dict[str, float] = {}
-        self._measured_at = -FRESH_S
-        self._nursery: trio.Nursery | None = None
-        self._status = node.publisher(f"{name}/_action/status", STATUS, Qos.LATCHED)
-        self._feedback = node.publisher(f"{name}/_action/feedback", FEEDBACK)
-        node.serve(f"{name}/_action/send_goal", SEND_GOAL, lambda call: self._start(self._on_goal, call))
-        node.serve(f"{name}/_action/cancel_goal", CANCEL, self._on_cancel)
-        node.serve(f"{name}/_action/get_result", GET_RESULT, lambda call: self._start(self._on_result, call))
+        left = _result(Problem(Error.INVALID_GOAL, LEFT))
+        self._server = ActionServer(node, name, FOLLOW, self._execute, left)
+        self.run = self._server.run
 
-    def on_positions(self, message: Mapping[str, Any], age_s: float) -> None:
-        """Take the newest joint state of the robot, and its age in seconds."""
-        self._measured = dict(zip(message["name"], message["position"], strict=True))
-        self._measured_at = trio.current_time() - age_s
-
-    async def run(self) -> None:
-        """Carry out goals until cancelled."""
-        async with trio.open_nursery() as self._nursery:
-            await trio.sleep_forever()
-
-    def _start(self, task: Callable[[Call], Any], call: Call) -> None:
-        if self._nursery is not None:
-            self._nursery.start_soon(task, call)
-
-    # -- services
-
-    async def _on_goal(self, call: Call) -> None:
-        request = call.arrival.message
-        goal = Goal(bytes(request["goal_id"]["uuid"]))
-        accepted = await self._accept(goal, request["goal"])
-        call.reply({"accepted": accepted is not None, "stamp": stamp(goal.accepted_s)})
-        if accepted is not None and self._nursery is not None:
-            self._nursery.start_soon(self._carry_out, goal, *accepted)
-
-    async def _accept(self, goal: Goal, message: Mapping[str, Any]) -> tuple[Trajectory, RemoteRobot] | None:
-        """Take the lease for a goal. None if the goal is rejected. The action has no field for the reason, so it
-        is printed."""
-        fresh = trio.current_time() - self._measured_at < FRESH_S
-        trajectory = read_trajectory(message, self._layout, self._measured if fresh else {})
+    async def _execute(self, goal: Goal, message: Mapping[str, Any]) -> Ending:
+        trajectory = read_trajectory(message, self._layout, await self._mover.read())
         if isinstance(trajectory, Problem):
-            self._log(f"{self.name}: the goal is rejected: {trajectory.text}")
-            return None
-        holder = self._writer.holder or (f"the goal {self._active.id.hex()[:8]}" if self._active else "")
-        if holder or goal.id in self._goals:
-            self._log(f"{self.name}: the goal is rejected: {holder or 'this goal'} commands the robot already")
-            return None
-        # From here on no other goal and no stream begins, although the robot has not answered yet.
-        self._active = self._goals[goal.id] = goal
-        self._writer.suspend(f"{self.name}, goal {goal.id.hex()[:8]}")
-        remote = RemoteRobot(self._mesh, self._robot)
-        refused = await remote.acquire()
-        if refused is None:
-            while len(self._goals) > KEPT:
-                self._goals.popitem(last=False)
-            return trajectory, remote
-        self._report(refused)
-        del self._goals[goal.id]
-        self._free()
-        return None
-
-    def _on_cancel(self, call: Call) -> None:
-        requested_id = bytes(call.arrival.message["goal_info"]["goal_id"]["uuid"])
-        goal = self._active
-        if goal is not None and (requested_id == goal.id or not any(requested_id)):
-            goal.is_canceled = True
-            self._set_state(goal, GoalState.CANCELING)
-            call.reply({"return_code": 0, "goals_canceling": [goal.info]})
+            problem: Problem | None = trajectory
         else:
-            # 2: the goal is unknown, 3: it has ended. A request without an id is for all goals.
-            code = 0 if not any(requested_id) else 3 if requested_id in self._goals else 2
-            call.reply({"return_code": code, "goals_canceling": []})
 
-    async def _on_result(self, call: Call) -> None:
-        goal = self._goals.get(bytes(call.arrival.message["goal_id"]["uuid"]))
-        if goal is None or self._waiting >= MOST_WAITING:
-            call.reply({"status": int(GoalState.UNKNOWN)})
-            return
-        self._waiting += 1
-        await goal.done.wait()
-        self._waiting -= 1
-        result = {"error_code": int(goal.error), "error_string": goal.text}
-        call.reply({"status": int(goal.state), "result": result})
+            def on_step(desired: Row) -> None:
+                self._server.send_feedback(goal, lambda: self._feedback(trajectory, desired))
 
-    # -- a goal
+            holder = f"{self._name}, goal {goal.id.hex()[:8]}"
+            problem = await self._mover.move(holder, trajectory, lambda: goal.is_canceled, on_step)
+        if problem is not None:
+            self._log(f"{self._name}: goal {goal.id.hex()[:8]} is not reached: {problem.text}")
+        return _result(problem)
 
-    async def _carry_out(self, goal: Goal, trajectory: Trajectory, remote: RemoteRobot) -> None:
-        problem: Problem | None = Problem(Error.INVALID_GOAL, "the robot has left the graph")
-        try:
-            self._set_state(goal, GoalState.EXECUTING)
-            problem = await self._follow(goal, trajectory, remote)
-        finally:
-            with trio.move_on_after(2.0, shield=True):
-                await remote.release()
-            self._free()
-            if problem is not None:
-                goal.error, goal.text = problem
-            ended = GoalState.CANCELED if goal.is_canceled else GoalState.SUCCEEDED
-            self._set_state(goal, ended if problem is None else GoalState.ABORTED)
-            goal.done.set()
-
-    async def _follow(self, goal: Goal, trajectory: Trajectory, remote: RemoteRobot) -> Problem | None:
-        """Send setpoints until the goal is reached or canceled. Return why it was not reached."""
-        began, lifetime_s = trio.current_time(), self._layout.lifetime_s
-        period_s = lifetime_s / 3
-        next_feedback = began
-        while not goal.is_canceled:
-            elapsed_s = trio.current_time() - began
-            positions = trajectory.positions(elapsed_s)
-            pairs = zip(trajectory.joints, positions, strict=True)
-            targets = {joint.key: joint.value(position) for joint, position in pairs}
-            answer = await remote.send_action(targets, lifetime_s, period_s)
-            if isinstance(answer, Refused):
-                self._report(answer)
-                return Problem(Error.INVALID_GOAL, answer.text)
-            if trio.current_time() >= next_feedback:
-                next_feedback += FEEDBACK_S
-                self._send_feedback(goal, trajectory, positions)
-            over_s = elapsed_s - trajectory.duration_s
-            if over_s >= 0.0 and self._measured_at >= began + trajectory.duration_s:
-                farthest = trajectory.farthest(self._measured)
-                if not farthest:
-                    return None
-                if over_s >= trajectory.settle_s:
-                    return Problem(Error.GOAL_TOLERANCE_VIOLATED, farthest)
-            elif over_s >= trajectory.settle_s + FRESH_S:
-                return Problem(Error.GOAL_TOLERANCE_VIOLATED, "the robot does not report its positions")
-            await trio.sleep_until(began + elapsed_s + period_s)
-        return None
-
-    def _free(self) -> None:
-        self._active = None
-        self._writer.suspend("")
-
-    def _set_state(self, goal: Goal, state: GoalState) -> None:
-        goal.state = state
-        listed = [{"goal_info": each.info, "status": int(each.state)} for each in self._goals.values()]
-        self._status.publish({"status_list": listed})
-
-    def _send_feedback(self, goal: Goal, trajectory: Trajectory, desired: tuple[float, ...]) -> None:
-        if not self._feedback.has_subscribers:
-            return
-        actual = [self._measured.get(joint.key, 0.0) for joint in trajectory.joints]
-        feedback = {
+    def _feedback(self, trajectory: Trajectory, desired: Row) -> dict[str, Any]:
+        measured = self._mover.measured
+        actual = [measured.get(joint.key, math.nan) for joint in trajectory.joints]
+        return {
             "header": header(time.time()),
             "joint_names": [joint.key for joint in trajectory.joints],
             "desired": {"positions": desired},
             "actual": {"positions": actual},
             "error": {"positions": [goal - is_ for goal, is_ in zip(desired, actual, strict=True)]},
         }
-        self._feedback.publish({"goal_id": {"uuid": goal.id}, "feedback": feedback})
+
+
+def _result(problem: Problem | None) -> Ending:
+    error, text = problem or Problem(Error.SUCCESSFUL, "")
+    return Ending(problem is None, {"error_code": int(error), "error_string": text})
+
+
+class GripperAction:
+    """The action GripperCommand. ``max_effort`` is not used, because no driver takes one.
+
+    Args:
+        node: The node of the robot.
+        name: The full name of the action.
+        gripper: The gripper.
+        mover: Moves the robot.
+        log: Called with each line for the user, since the result of this action has no text.
+    """
+
+    def __init__(self, node: Node, name: str, gripper: Gripper, mover: Mover, log: Callable[[str], None]) -> None:
+        self._name = name
+        self._gripper = gripper
+        self._mover = mover
+        self._log = log
+        left = Ending(False, {"position": math.nan, "effort": math.nan})
+        self._server = ActionServer(node, name, GRIPPER, self._execute, left)
+        self.run = self._server.run
+
+    async def _execute(self, goal: Goal, message: Mapping[str, Any]) -> Ending:
+        gripper, key = self._gripper, self._gripper.joint.key
+        position, start = message["command"]["position"], (await self._mover.read()).get(key)
+        if start is None or not math.isfinite(position):
+            self._log(f"{self._name}: the position of {key} is not known, or that of the goal is not a number")
+            return self._ending(Problem(Error.INVALID_GOAL, ""), False, math.nan)
+        stall = Stall(gripper.span * STALLED_PART)
+        duration_s = max(abs(position - start) / gripper.speed, gripper.least_s)
+        reached = (gripper.span * REACHED_PART,)
+        trajectory = Trajectory((gripper.joint,), (0.0, duration_s), ((start,), (position,)), reached, SETTLE_S)
+
+        def on_step(_: Row) -> None:
+            measured = self._mover.measured.get(key)
+            if measured is not None:
+                stall.take(measured, trio.current_time())
+                self._server.send_feedback(goal, lambda: self._state(stall.is_stalled, position))
+
+        holder = f"{self._name}, goal {goal.id.hex()[:8]}"
+        problem = await self._mover.move(holder, trajectory, lambda: goal.is_canceled or stall.is_stalled, on_step)
+        if problem is not None:
+            self._log(f"{self._name}: goal {goal.id.hex()[:8]} is not reached: {problem.text}")
+        return self._ending(problem, stall.is_stalled, position)
+
+    def _ending(self, problem: Problem | None, stalled: bool, goal: float) -> Ending:
+        return Ending(problem is None, self._state(stalled, goal))
+
+    def _state(self, stalled: bool, goal: float) -> dict[str, Any]:
+        position = self._mover.measured.get(self._gripper.joint.key, math.nan)
+        reached = abs(position - goal) <= self._gripper.span * REACHED_PART
+        return {
+            "position": position,
+            "effort": math.nan,
+            "stalled": stalled and not reached,
+            "reached_goal": reached,
+        }
+
+
+class Stall:
+    """Notices that a gripper no longer moves.
+
+    Args:
+        least: A smaller motion counts as none.
+    """
+
+    def __init__(self, least: float) -> None:
+        self.is_stalled = False
+        self._least = least
+        self._position = math.inf
+        self._moved_at = 0.0
+
+    def take(self, position: float, now_s: float) -> None:
+        """Take a measured position, and the time."""
+        if abs(position - self._position) >= self._least:
+            self._position, self._moved_at = position, now_s
+        self.is_stalled = now_s - self._moved_at >= STALLED_S
+
+
+class TrajectoryTopic:
+    """The topic ``joint_trajectory``: trajectories without goal, feedback and result.
+
+    A newer trajectory of the same publisher replaces the present one, and one without points ends it. Refusals are
+    reported as those of the other topics.
+
+    Args:
+        topic: The full name of the topic.
+        layout: The joints of the robot.
+        mover: Moves the robot.
+        report: Called with each refusal.
+    """
+
+    def __init__(self, topic: str, layout: Layout, mover: Mover, report: Callable[[Refused], None]) -> None:
+        self._topic = topic
+        self._layout = layout
+        self._mover = mover
+        self._report = report
+        self._gid = b""
+        self._sender = ""
+        self._newest: Mapping[str, Any] | None = None
+        self._came = trio.Event()
+
+    def on_message(self, arrival: Arrival, sender: str) -> None:
+        """Take a trajectory. ``sender`` is the name of its sender, to show to people."""
+        gid = arrival.attachment.gid
+        if self._gid not in (b"", gid):
+            self._report(refusals.second_writer(self._topic, sender, self._sender, PAUSE_S))
+            return
+        self._gid, self._sender, self._newest = gid, sender, arrival.message
+        self._came.set()
+
+    async def run(self) -> None:
+        """Carry out trajectories until cancelled."""
+        while True:
+            await self._came.wait()
+            self._came = trio.Event()
+            while self._newest is not None:
+                message, self._newest = self._newest, None
+                await self._carry_out(message)
+            self._gid = b""
+
+    async def _carry_out(self, message: Mapping[str, Any]) -> None:
+        if not message["points"]:
+            return
+        trajectory = read_trajectory(goal_of_topic(message), self._layout, await self._mover.read())
+        if not isinstance(trajectory, Problem):
+            is_over = lambda: self._newest is not None  # noqa: E731
+            problem = await self._mover.move(f"{self._topic}, {self._sender}", trajectory, is_over)
+        else:
+            problem = trajectory
+        if problem is not None:
+            self._report(refusals.trajectory_not_followed(self._topic, problem.text))

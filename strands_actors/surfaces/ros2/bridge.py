@@ -10,12 +10,12 @@ import trio
 
 from strands_actors.caller.processes.background import open_background
 from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.kernel.channels.ros2.graph import Graph, connect
+from strands_actors.kernel.channels.ros2.names import Dialect, ros_name
 from strands_actors.supervisors.mesh.schemas import key
 from strands_actors.surfaces.mesh.client import MeshClient
 
-from .graph import Graph, connect
 from .joints import layout_of
-from .names import Dialect, ros_name
 from .robot_node import RobotNode, Surroundings
 from .samples import TOPICS, Presence, read_sample
 
@@ -78,6 +78,8 @@ class Bridge:
             for robot in [robot for robot in self.nodes if not self._mesh.is_there(robot)]:
                 await self.nodes.pop(robot).close()
                 self._log(f"{robot} has left")
+            for node in self.nodes.values():
+                node.look()
             if self._graph.is_connected != was_connected:
                 was_connected = not was_connected
                 again = "is connected again" if was_connected else "does not answer. Still trying"

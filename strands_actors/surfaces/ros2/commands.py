@@ -41,6 +41,16 @@ def targets_of_joints(topic: str, message: Mapping[str, Any], layout: Layout) ->
     return targets
 
 
+def targets_of_numbers(topic: str, message: Mapping[str, Any], layout: Layout) -> Targets | Refused:
+    """Return the targets in a std_msgs/msg/Float64MultiArray: one position for each joint that can be commanded, in
+    the order of ``joint_states``. Its layout is ignored."""
+    joints = [joint for joint in layout.joints if joint.key in layout.commanded]
+    numbers = message["data"]
+    if len(numbers) != len(joints):
+        return refusals.unequal_numbers(topic, len(numbers), ", ".join(joint.key for joint in joints))
+    return {joint.key: joint.value(number) for joint, number in zip(joints, numbers, strict=True)}
+
+
 def targets_of_twist(topic: str, message: Mapping[str, Any], layout: Layout) -> Targets | Refused:
     """Return the speeds in a geometry_msgs/msg/Twist. A component that the robot lacks must be zero.
 

@@ -15,6 +15,8 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers import get_native_driver_class
 
+from .tool_pose import PoseOf, pose_function
+
 SCALES: Mapping[str, float] = {"rad": 1.0, "deg": 180.0 / math.pi, "m": 1.0, "mm": 1000.0}
 """The number of each unit that is one radian or one metre."""
 
@@ -29,7 +31,9 @@ TWIST_AXES: Mapping[str, tuple[str, str]] = {
     "angular.z": ("angular", "z"),
 }
 """The component of geometry_msgs/msg/Twist for each axis of a base. An axis counts only with an SI unit."""
-UNIT_ENDINGS = ("_rad", "_rad_s", "_m", "_m_s", "_m_s2", "_wxyz", "_pct", "_v")
+LEAST_PERIOD_S = 0.02
+"""A robot accepts at most 100 commands a second from the mesh, from all programs together."""
+UNIT_ENDINGS = ("_rad", "_rad_s", "_m", "_m_s", "_m_s2", "_wxyz", "_pct", "_v", "_n_nm")
 """The ends of sensors' names that state a unit which is converted here. A robot's raw numbers have no such end."""
 _SPEED_UNITS = ("m/s", "rad/s")
 
@@ -55,6 +59,22 @@ class Joint(NamedTuple):
         return self.zero + self.scale * position
 
 
+class Gripper(NamedTuple):
+    """A gripper with one axis.
+
+    Attributes:
+        joint: Its joint.
+        span: The distance between its ends, in the unit of the joint's position.
+        speed: Its greatest speed in this unit per second, or one span per second if the driver states none.
+        least_s: The shortest duration of a motion, in seconds.
+    """
+
+    joint: Joint
+    span: float
+    speed: float
+    least_s: float = 0.3
+
+
 class Layout(NamedTuple):
     """The joints and the base of one type of robot.
 
@@ -64,8 +84,11 @@ class Layout(NamedTuple):
         twist: For each component of a twist, the key of the axis that takes it. Empty without a base.
         stale_s: A reading that is older than this many seconds is not published.
         lifetime_s: How long a command of a stream is valid, in seconds.
+        period_s: The period of the setpoints of a planned motion, in seconds.
         fields: For each topic of a sensor, its fields with a known unit.
         link_rows: The links of the robot; empty if the driver does not have them.
+        grippers: The grippers with one axis.
+        tool: Computes the pose of the tool from the positions of the joints; None if it is unknown.
     """
 
     joints: tuple[Joint, ...]
@@ -73,8 +96,11 @@ class Layout(NamedTuple):
     twist: Mapping[tuple[str, str], str]
     stale_s: float
     lifetime_s: float
+    period_s: float
     fields: Mapping[str, frozenset[str]]
     link_rows: str = ""
+    grippers: tuple[Gripper, ...] = ()
+    tool: PoseOf | None = None
 
 
 def layout_of(robot_type: str, keys: Sequence[str]) -> Layout | None:
@@ -110,6 +136,7 @@ def read_driver(driver: Driver) -> Layout:
     """Return the layout that a driver declares."""
     joints: list[Joint] = []
     twist: dict[tuple[str, str], str] = {}
+    grippers: list[Gripper] = []
     units = dict(zip(driver.axes, driver.model_units(), strict=True))
     for part in driver.parts:
         for axis in part.axes:
@@ -117,7 +144,10 @@ def read_driver(driver: Driver) -> Layout:
                 if axis.unit in _SPEED_UNITS and axis.key in TWIST_AXES:
                     twist[TWIST_AXES[axis.key]] = axis.key
             elif part.kind is not PartKind.DRONE:
-                joints.extend(_joint(axis, part.kind, units[axis.key]))
+                of_axis = list(_joint(axis, part.kind, units[axis.key]))
+                joints += of_axis
+                if part.kind is PartKind.GRIPPER and len(part.axes) == 1:
+                    grippers += [_gripper(axis, joint) for joint in of_axis]
     commanded = frozenset(joint.key for joint in joints)
     joints += [Joint(each.key, 0.0, SCALES[each.unit]) for each in driver.READ_ONLY_JOINTS if each.unit in SCALES]
     timing = driver.timing
@@ -128,9 +158,17 @@ def read_driver(driver: Driver) -> Layout:
         twist,
         max(timing.state_ttl_s, 1.0),
         timing.stream_ttl_s,
+        min(timing.stream_ttl_s / 3, max(1.0 / timing.control_hz, LEAST_PERIOD_S)),
         fields,
         driver.link_rows(),
+        tuple(grippers),
+        pose_function(driver),
     )
+
+
+def _gripper(axis: Axis, joint: Joint) -> Gripper:
+    span, speed = (axis.high - axis.low) / abs(joint.scale), axis.speed / abs(joint.scale)
+    return Gripper(joint, span, speed if math.isfinite(speed) else span)
 
 
 def _fields(sensor: Sensor) -> frozenset[str]:

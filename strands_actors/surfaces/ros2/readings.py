@@ -6,14 +6,17 @@ A stamp is the time of the reading, by the wall clock of the robot's host.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import struct
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import finite
+from strands_actors.contract.rotations import quaternion as quaternion_of
 from strands_actors.kernel.clock import NS
 
 from .joints import Layout
-from .samples import Battery, Imu, Numbers, Odom, State
+from .samples import Battery, Imu, Numbers, Odom, State, Wrench
+from .tool_pose import PoseOf
 
 _UNKNOWN = [-1.0] + 8 * [0.0]
 """The covariance of sensor_msgs/msg/Imu that stands for a value which is not measured."""
@@ -32,7 +35,8 @@ def header(time_s: float, frame: str = "") -> dict[str, Any]:
 def joint_state(state: State, layout: Layout) -> dict[str, Any] | None:
     """Return sensor_msgs/msg/JointState with each joint that was read.
 
-    Velocities are given only if all these joints have one, since ROS expects as many velocities as names.
+    Velocities are given only if all these joints have one, since ROS expects as many velocities as names. Efforts
+    are given if one joint has one, with NaN for the others, since few grippers report any.
 
     Returns:
         None if no joint was read, or if the reading is too old.
@@ -42,12 +46,15 @@ def joint_state(state: State, layout: Layout) -> dict[str, Any] | None:
     names: list[str] = []
     positions: list[float] = []
     velocities: list[float] = []
+    efforts: list[float] = []
     for joint in layout.joints:
         value, speed = finite(state.joints.get(joint.key)), finite(state.velocities.get(joint.key))
         if value is None:
             continue
         names.append(joint.key)
         positions.append(joint.position(value))
+        effort = finite(state.efforts.get(joint.key))
+        efforts.append(math.nan if effort is None else effort)
         if speed is not None:
             velocities.append(joint.velocity(speed))
     if not names:
@@ -57,7 +64,60 @@ def joint_state(state: State, layout: Layout) -> dict[str, Any] | None:
         "name": names,
         "position": positions,
         "velocity": velocities if len(velocities) == len(names) else [],
+        "effort": [] if all(map(math.isnan, efforts)) else efforts,
     }
+
+
+def tool_pose(joint_state_message: Mapping[str, Any], pose_of: PoseOf, frame: str) -> dict[str, Any] | None:
+    """Return geometry_msgs/msg/PoseStamped of the tool, with the stamp of the joints. None if a joint is missing.
+
+    Args:
+        joint_state_message: The joints.
+        pose_of: Computes the pose.
+        frame: The frame of the arm's base.
+    """
+    positions = dict(zip(joint_state_message["name"], joint_state_message["position"], strict=True))
+    pose = pose_of(positions)
+    if pose is None:
+        return None
+    return {
+        "header": {**joint_state_message["header"], "frame_id": frame},
+        "pose": {"position": _vector(pose[0]), "orientation": _quaternion(*pose[1])},
+    }
+
+
+def wrench(sample: Wrench, fields: frozenset[str], frame: str) -> dict[str, Any] | None:
+    """Return geometry_msgs/msg/WrenchStamped. ``frame`` is the frame along whose axes the wrench is."""
+    numbers = _numbers(sample.wrench, 6) if "wrench" in fields else None
+    if numbers is None:
+        return None
+    return {
+        "header": header(sample.t, frame),
+        "wrench": {"force": _vector(numbers[:3]), "torque": _vector(numbers[3:])},
+    }
+
+
+def image(jpeg: bytes, time_s: float, frame: str) -> dict[str, Any]:
+    """Return sensor_msgs/msg/CompressedImage."""
+    return {"header": header(time_s, frame), "format": "jpeg", "data": jpeg}
+
+
+def camera_info(width: int, height: int, time_s: float, frame: str) -> dict[str, Any]:
+    """Return sensor_msgs/msg/CameraInfo of a camera that is not calibrated: all numbers of the lens are zero."""
+    return {"header": header(time_s, frame), "width": width, "height": height}
+
+
+def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
+    """Return width and height of a JPEG picture in pixels. None if the bytes are no such picture."""
+    offset = 2
+    while jpeg[:2] == b"\xff\xd8" and offset + 9 <= len(jpeg) and jpeg[offset] == 0xFF:
+        marker, length = jpeg[offset + 1], int.from_bytes(jpeg[offset + 2 : offset + 4], "big")
+        # 0xC0 to 0xCF begin a frame, except for two kinds of tables and an extension.
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", jpeg, offset + 5)
+            return width, height
+        offset += 2 + length
+    return None
 
 
 def imu(sample: Imu, fields: frozenset[str], frame: str) -> dict[str, Any] | None:
@@ -75,7 +135,7 @@ def imu(sample: Imu, fields: frozenset[str], frame: str) -> dict[str, Any] | Non
     if "quaternion" in fields and (quaternion := _numbers(sample.quaternion, 4)):
         orientation = _quaternion(*quaternion)
     elif "rpy" in fields and (rpy := _numbers(sample.rpy, 3)):
-        orientation = _of_angles(*rpy)
+        orientation = _quaternion(*quaternion_of(*rpy))
     gyro = _numbers(sample.gyro, 3) if "gyro" in fields else None
     accel = _numbers(sample.accel, 3) if "accel" in fields else None
     if orientation is None and gyro is None and accel is None:
@@ -127,7 +187,7 @@ def odometry(sample: Odom, fields: frozenset[str], frame: str, child: str) -> di
     if "quaternion" in fields and (quaternion := _numbers(sample.quaternion, 4)):
         orientation = _quaternion(*quaternion)
     else:
-        orientation = _of_angles(0.0, 0.0, _heading(sample, fields))
+        orientation = _quaternion(*quaternion_of(0.0, 0.0, _heading(sample, fields)))
     return {
         "header": header(sample.t, frame),
         "child_frame_id": child,
@@ -189,17 +249,6 @@ def _vector(values: Sequence[float] | None) -> dict[str, float]:
 
 def _quaternion(w: float, x: float, y: float, z: float) -> dict[str, float]:
     return {"x": x, "y": y, "z": z, "w": w}
-
-
-def _of_angles(roll: float, pitch: float, yaw: float) -> dict[str, float]:
-    """Return the quaternion of rotations about the fixed axes x, y and z, in radians."""
-    cr, sr, cp, sp, cy, sy = (turn(angle / 2) for angle in (roll, pitch, yaw) for turn in (math.cos, math.sin))
-    return _quaternion(
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 def _covariance(measured: object) -> list[float]:

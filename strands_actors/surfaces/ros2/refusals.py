@@ -61,3 +61,16 @@ def unknown_direction(topic: str, component: str, accepted: str) -> Refused:
         offered=component,
         limit=accepted,
     )
+
+
+def trajectory_not_followed(topic: str, because: str) -> Refused:
+    return Refused(
+        Code.MALFORMED,
+        f"{topic}: the trajectory is not followed to its end: {because}",
+        "remove the cause, and send it again",
+    )
+
+
+def unequal_numbers(topic: str, numbers: int, joints: str) -> Refused:
+    reason = f"{topic}: the message has {numbers} numbers"
+    return Refused(Code.MALFORMED, reason, f"give one position for each of {joints}, in this order", limit=joints)

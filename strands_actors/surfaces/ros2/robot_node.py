@@ -10,22 +10,36 @@ import trio
 
 from strands_actors.contract.loading import load
 from strands_actors.drivers import URDF
+from strands_actors.kernel.channels.ros2.definitions import (
+    BATTERY,
+    DIAGNOSTICS,
+    IMU,
+    JOINT_STATE,
+    ODOMETRY,
+    POSE,
+    STRING,
+    TF,
+    TRIGGER,
+    WRENCH,
+)
+from strands_actors.kernel.channels.ros2.graph import Arrival, Call, Graph, Publisher
+from strands_actors.kernel.channels.ros2.names import Qos, ros_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import STOP_S, MeshClient
 from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
 
 from . import answers, readings
-from .action import TrajectoryAction
-from .commands import targets_of_joints, targets_of_twist
-from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, STRING, TF, TRIGGER, TWIST
+from .cameras import Cameras
+from .command_topics import CommandTopics
 from .diagnostics import Summary, diagnostics
-from .graph import Arrival, Call, Graph, Publisher
 from .joints import Layout
-from .names import Qos, ros_name
-from .samples import Battery, Health, Imu, Odom, Presence, Sample, State
-from .writer import Writer, is_at_rest
+from .motion import Mover
+from .samples import Battery, Health, Imu, Odom, Presence, Sample, State, Wrench
+from .writer import Writer
 
 NOTHING: frozenset[str] = frozenset()
+SENSOR_TYPES = (IMU, WRENCH)
+"""Published with the quality of service of sensor data: best effort, so that no old reading is sent again."""
 REPORT_S = 1.0
 """A refusal with the same code is printed once in this many seconds."""
 MOST_CALLS = 16
@@ -73,8 +87,9 @@ class RobotNode:
         self._reported: dict[str, float] = {}
         self._running: list[tuple[trio.CancelScope, trio.Event]] = []
         self._writer: Writer | None = None
-        self._action: TrajectoryAction | None = None
+        self._mover: Mover | None = None
         self.node = around.graph.node(around.namespace, self.name)
+        self._cameras = Cameras(self.node, self._prefix, around.mesh, robot)
         self._diagnostics = self.node.publisher("/diagnostics", DIAGNOSTICS)
         self._topics = {name: self._publish(name, type_name) for name, type_name in self._published()}
         if "odom" in self._topics:
@@ -98,6 +113,7 @@ class RobotNode:
             case Presence():
                 self._summary = self._summary._replace(presence=sample)
                 self._tell_state()
+                self._cameras.add(sample.cameras)
             case Health():
                 self._summary = self._summary._replace(health=sample)
             case Imu():
@@ -108,9 +124,17 @@ class RobotNode:
                 self._send("battery_state", lambda: readings.battery(sample, fields))
             case Odom():
                 self._on_odometry(sample)
+            case Wrench():
+                fields = self._fields.get("wrench", NOTHING)
+                self._send("wrench", lambda: readings.wrench(sample, fields, f"{self.name}/{sample.frame}"))
+
+    def look(self) -> None:
+        """Begin and end to read cameras. Call it regularly."""
+        self._cameras.look()
 
     async def close(self) -> None:
         """End the commands of the graph, and then take the robot off it."""
+        self._cameras.close()
         for scope, ended in self._running:
             scope.cancel()
             await ended.wait()
@@ -120,11 +144,18 @@ class RobotNode:
 
     def _published(self) -> list[tuple[str, str]]:
         topics = [("joint_states", JOINT_STATE)] if self._layout is not None and self._layout.joints else []
-        types = {"imu": ("imu", IMU), "battery": ("battery_state", BATTERY), "odom": ("odom", ODOMETRY)}
+        topics += [("tool_pose", POSE)] if self._layout is not None and self._layout.tool is not None else []
+        types = {
+            "imu": ("imu", IMU),
+            "battery": ("battery_state", BATTERY),
+            "odom": ("odom", ODOMETRY),
+            "wrench": ("wrench", WRENCH),
+        }
         return topics + [types[topic] for topic, fields in self._fields.items() if fields and topic in types]
 
     def _publish(self, name: str, type_name: str) -> Publisher:
-        return self.node.publisher(f"{self._prefix}/{name}", type_name)
+        qos = Qos.SENSOR if type_name in SENSOR_TYPES else Qos.DEFAULT
+        return self.node.publisher(f"{self._prefix}/{name}", type_name, qos)
 
     def _send(self, topic: str, make: Callable[[], dict[str, Any] | None]) -> None:
         """Publish a message, if there is a subscriber and something was measured."""
@@ -142,9 +173,11 @@ class RobotNode:
         message = readings.joint_state(state, layout)
         if message is not None and message["header"]["stamp"] != self._last_stamp:
             self._last_stamp = message["header"]["stamp"]
-            if self._action is not None:
-                self._action.on_positions(message, state.age_s or 0.0)
+            if self._mover is not None:
+                self._mover.on_positions(message, state.age_s or 0.0)
             self._send("joint_states", lambda: message)
+            if (pose_of := layout.tool) is not None:
+                self._send("tool_pose", lambda: readings.tool_pose(message, pose_of, f"{self.name}/base"))
 
     def _on_odometry(self, sample: Odom) -> None:
         fields = self._fields.get("odom", NOTHING)
@@ -161,36 +194,14 @@ class RobotNode:
     # -- topics in
 
     def _take_commands(self, layout: Layout) -> None:
-        writer = self._writer = Writer(self._around.mesh, self.robot, layout.lifetime_s, self._report)
-        self._around.nursery.start_soon(self._run, writer.run)
-        if layout.commanded:
-            topic = f"{self._prefix}/joint_command"
-
-            def on_joints(arrival: Arrival) -> None:
-                targets = targets_of_joints(topic, arrival.message, layout)
-                writer.offer(topic, arrival, self._publisher_of(topic, arrival), targets, False)
-
-            self._action = TrajectoryAction(
-                self.node,
-                f"{self._prefix}/follow_joint_trajectory",
-                self._around.mesh,
-                self.robot,
-                layout,
-                writer,
-                self._report,
-                self._around.log,
-            )
-            self._around.nursery.start_soon(self._run, self._action.run)
-            self.node.subscribe(topic, JOINT_STATE, on_joints)
-        if layout.twist:
-            velocity_topic = f"{self._prefix}/cmd_vel"
-
-            def on_twist(arrival: Arrival) -> None:
-                targets = targets_of_twist(velocity_topic, arrival.message, layout)
-                sender = self._publisher_of(velocity_topic, arrival)
-                writer.offer(velocity_topic, arrival, sender, targets, is_at_rest(targets))
-
-            self.node.subscribe(velocity_topic, TWIST, on_twist)
+        around = self._around
+        writer = self._writer = Writer(around.mesh, self.robot, layout.lifetime_s, self._report)
+        mover = self._mover = Mover(around.mesh, self.robot, layout, writer, self._report)
+        commands = CommandTopics(
+            self.node, self._prefix, layout, writer, mover, self._publisher_of, self._report, around.log
+        )
+        for task in commands.tasks:
+            around.nursery.start_soon(self._run, task)
 
     async def _run(self, task: Callable[[], Awaitable[None]]) -> None:
         ended = trio.Event()

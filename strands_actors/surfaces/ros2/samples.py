@@ -7,8 +7,10 @@ from typing import Any
 import msgspec
 
 from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.supervisors.mesh.schemas import camera_topic
 
 Numbers = list[float | None]
+CAMERA = camera_topic("")
 
 
 class Presence(msgspec.Struct, frozen=True):
@@ -21,6 +23,12 @@ class Presence(msgspec.Struct, frozen=True):
     epoch: int = 0
     locked_by: str = ""
     lease: str = ""
+    topics: tuple[str, ...] = ()
+
+    @property
+    def cameras(self) -> list[str]:
+        """Return the names of the cameras."""
+        return [topic.removeprefix(CAMERA) for topic in self.topics if topic.startswith(CAMERA)]
 
 
 class State(msgspec.Struct, frozen=True):
@@ -30,6 +38,7 @@ class State(msgspec.Struct, frozen=True):
     joints: dict[str, Any] = {}
     velocities: dict[str, Any] = {}
     age_s: float | None = None
+    efforts: dict[str, Any] = {}
 
 
 class Health(msgspec.Struct, frozen=True):
@@ -76,7 +85,18 @@ class Odom(msgspec.Struct, frozen=True):
     angular: Numbers | float | None = None
 
 
-Sample = Presence | State | Health | Imu | Battery | Odom
+class Wrench(msgspec.Struct, frozen=True):
+    """The topic ``wrench``: three forces in newtons and three torques in newton metres.
+
+    They are those at the tool, along the axes of ``frame``.
+    """
+
+    t: float
+    wrench: Numbers | None = None
+    frame: str = "base"
+
+
+Sample = Presence | State | Health | Imu | Battery | Odom | Wrench
 TOPICS: dict[str, type[Sample]] = {
     "presence": Presence,
     "state": State,
@@ -84,6 +104,7 @@ TOPICS: dict[str, type[Sample]] = {
     "imu": Imu,
     "battery": Battery,
     "odom": Odom,
+    "wrench": Wrench,
 }
 """The type of each topic that is read."""
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import trio
 
+from strands_actors.kernel.channels.ros2.graph import Arrival
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
@@ -15,7 +16,6 @@ from strands_actors.surfaces.mesh.remote import RemoteRobot
 
 from . import refusals
 from .commands import Targets
-from .graph import Arrival
 from .streams import PAUSE_S, Sender, Streams
 
 LOOK_S = 0.1

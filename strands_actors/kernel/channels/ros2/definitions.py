@@ -22,13 +22,19 @@ BATTERY = "sensor_msgs/msg/BatteryState"
 ODOMETRY = "nav_msgs/msg/Odometry"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 TWIST = "geometry_msgs/msg/Twist"
+TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+NUMBERS = "std_msgs/msg/Float64MultiArray"
 TF = "tf2_msgs/msg/TFMessage"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRIGGER = "std_srvs/srv/Trigger"
 STATUS = "action_msgs/msg/GoalStatusArray"
 CANCEL = "action_msgs/srv/CancelGoal"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
-SEND_GOAL, GET_RESULT, FEEDBACK = f"{FOLLOW}_SendGoal", f"{FOLLOW}_GetResult", f"{FOLLOW}_FeedbackMessage"
+GRIPPER = "control_msgs/action/GripperCommand"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DURATION = "builtin_interfaces/msg/Duration"
 UUID = "unique_identifier_msgs/msg/UUID"
 _GOAL_INFO = "action_msgs/msg/GoalInfo"
@@ -36,11 +42,13 @@ _POINT, _MULTI_POINT = (
     "trajectory_msgs/msg/JointTrajectoryPoint",
     "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
 )
-_TRAJECTORY, _MULTI_TRAJECTORY = (
-    "trajectory_msgs/msg/JointTrajectory",
-    "trajectory_msgs/msg/MultiDOFJointTrajectory",
-)
+_MULTI_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 _TOLERANCE, _COMPONENT_TOLERANCE = "control_msgs/msg/JointTolerance", "control_msgs/msg/JointComponentTolerance"
+
+_GRIPPER_STATE: Fields = {"position": "float64", "effort": "float64", "stalled": "bool", "reached_goal": "bool"}
+
+ACTIONS = (FOLLOW, GRIPPER)
+"""The actions. Each has the messages ``_Goal``, ``_Result`` and ``_Feedback`` in the table below."""
 
 MESSAGES: Mapping[str, Fields] = {
     TIME: {"sec": "int32", "nanosec": "uint32"},
@@ -62,6 +70,13 @@ MESSAGES: Mapping[str, Fields] = {
     },
     "geometry_msgs/msg/PoseWithCovariance": {"pose": "geometry_msgs/msg/Pose", "covariance": "float64[36]"},
     TWIST: {"linear": "geometry_msgs/msg/Vector3", "angular": "geometry_msgs/msg/Vector3"},
+    TWIST_STAMPED: {"header": HEADER, "twist": TWIST},
+    POSE: {"header": HEADER, "pose": "geometry_msgs/msg/Pose"},
+    "geometry_msgs/msg/Wrench": {"force": "geometry_msgs/msg/Vector3", "torque": "geometry_msgs/msg/Vector3"},
+    WRENCH: {"header": HEADER, "wrench": "geometry_msgs/msg/Wrench"},
+    "std_msgs/msg/MultiArrayDimension": {"label": "string", "size": "uint32", "stride": "uint32"},
+    "std_msgs/msg/MultiArrayLayout": {"dim": "std_msgs/msg/MultiArrayDimension[]", "data_offset": "uint32"},
+    NUMBERS: {"layout": "std_msgs/msg/MultiArrayLayout", "data": "float64[]"},
     "geometry_msgs/msg/TwistWithCovariance": {"twist": TWIST, "covariance": "float64[36]"},
     "geometry_msgs/msg/Transform": {
         "translation": "geometry_msgs/msg/Vector3",
@@ -116,6 +131,40 @@ MESSAGES: Mapping[str, Fields] = {
     },
     DIAGNOSTICS: {"header": HEADER, "status": "diagnostic_msgs/msg/DiagnosticStatus[]"},
     COMPRESSED_IMAGE: {"header": HEADER, "format": "string", "data": "uint8[]"},
+    "sensor_msgs/msg/RegionOfInterest": {
+        "x_offset": "uint32",
+        "y_offset": "uint32",
+        "height": "uint32",
+        "width": "uint32",
+        "do_rectify": "bool",
+    },
+    CAMERA_INFO: {
+        "header": HEADER,
+        "height": "uint32",
+        "width": "uint32",
+        "distortion_model": "string",
+        "d": "float64[]",
+        "k": "float64[9]",
+        "r": "float64[9]",
+        "p": "float64[12]",
+        "binning_x": "uint32",
+        "binning_y": "uint32",
+        "roi": "sensor_msgs/msg/RegionOfInterest",
+    },
+    "sensor_msgs/msg/LaserScan": {
+        "header": HEADER,
+        "angle_min": "float32",
+        "angle_max": "float32",
+        "angle_increment": "float32",
+        "time_increment": "float32",
+        "scan_time": "float32",
+        "range_min": "float32",
+        "range_max": "float32",
+        "ranges": "float32[]",
+        "intensities": "float32[]",
+    },
+    # Of the vendor of the ROSMASTER M3 Pro.
+    "arm_msgs/msg/ArmJoints": {**{f"joint{number}": "int16" for number in range(1, 7)}, "time": "int16"},
     DURATION: {"sec": "int32", "nanosec": "uint32"},
     UUID: {"uuid": "uint8[16]"},
     _GOAL_INFO: {"goal_id": UUID, "stamp": TIME},
@@ -128,7 +177,7 @@ MESSAGES: Mapping[str, Fields] = {
         "effort": "float64[]",
         "time_from_start": DURATION,
     },
-    _TRAJECTORY: {"header": HEADER, "joint_names": "string[]", "points": f"{_POINT}[]"},
+    TRAJECTORY: {"header": HEADER, "joint_names": "string[]", "points": f"{_POINT}[]"},
     _MULTI_POINT: {
         "transforms": "geometry_msgs/msg/Transform[]",
         "velocities": f"{TWIST}[]",
@@ -145,7 +194,7 @@ MESSAGES: Mapping[str, Fields] = {
         "acceleration": "float64",
     },
     f"{FOLLOW}_Goal": {
-        "trajectory": _TRAJECTORY,
+        "trajectory": TRAJECTORY,
         "multi_dof_trajectory": _MULTI_TRAJECTORY,
         "path_tolerance": f"{_TOLERANCE}[]",
         "component_path_tolerance": f"{_COMPONENT_TOLERANCE}[]",
@@ -165,7 +214,11 @@ MESSAGES: Mapping[str, Fields] = {
         "multi_dof_actual": _MULTI_POINT,
         "multi_dof_error": _MULTI_POINT,
     },
-    FEEDBACK: {"goal_id": UUID, "feedback": f"{FOLLOW}_Feedback"},
+    "control_msgs/msg/GripperCommand": {"position": "float64", "max_effort": "float64"},
+    f"{GRIPPER}_Goal": {"command": "control_msgs/msg/GripperCommand"},
+    f"{GRIPPER}_Result": _GRIPPER_STATE,
+    f"{GRIPPER}_Feedback": _GRIPPER_STATE,
+    **{f"{action}_FeedbackMessage": {"goal_id": UUID, "feedback": f"{action}_Feedback"} for action in ACTIONS},
     "service_msgs/msg/ServiceEventInfo": {
         "event_type": "uint8",
         "stamp": TIME,
@@ -194,10 +247,18 @@ SERVICES: Mapping[str, Service] = {
         response={"return_code": "int8", "goals_canceling": f"{_GOAL_INFO}[]"},
     ),
     # The two services of an action that have separate types.
-    SEND_GOAL: Service(
-        request={"goal_id": UUID, "goal": f"{FOLLOW}_Goal"}, response={"accepted": "bool", "stamp": TIME}
-    ),
-    GET_RESULT: Service(request={"goal_id": UUID}, response={"status": "int8", "result": f"{FOLLOW}_Result"}),
+    **{
+        f"{action}_SendGoal": Service(
+            request={"goal_id": UUID, "goal": f"{action}_Goal"}, response={"accepted": "bool", "stamp": TIME}
+        )
+        for action in ACTIONS
+    },
+    **{
+        f"{action}_GetResult": Service(
+            request={"goal_id": UUID}, response={"status": "int8", "result": f"{action}_Result"}
+        )
+        for action in ACTIONS
+    },
 }
 """The messages of each service, by its name."""
 

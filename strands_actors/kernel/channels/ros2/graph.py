@@ -17,9 +17,8 @@ import trio
 import zenoh
 import zenoh.ext
 
-from strands_actors.kernel.channels.zenoh_exit import callback, calls, closed, open_session, opened
-from strands_actors.kernel.channels.zenoh_session import Waker, config, short
-
+from ..zenoh_exit import callback, calls, closed, open_session, opened
+from ..zenoh_session import Waker, config, short
 from .cdr import MalformedCdr, decode, encode
 from .names import TOKENS, Attachment, Dialect, Endpoint, Entity, NodeName, Qos, gid_of, read_attachment, read_token
 
@@ -98,6 +97,73 @@ class Publisher:
             self._publisher.put(payload, attachment=attachment.encode())
 
 
+class Client:
+    """A client of one service. ``Node.client`` makes it.
+
+    Args:
+        graph: The graph.
+        service: The full name of the service.
+        type_name: Its type.
+        gid: The identifier of this client.
+    """
+
+    def __init__(self, graph: Graph, service: str, type_name: str, gid: bytes) -> None:
+        self._graph = graph
+        self._service = service
+        self._type_name = type_name
+        self._key = graph.dialect.key(service, type_name)
+        self._gid = gid
+        self._sequence = itertools.count(1)
+        self.inbox = _Inbox(self._on_reply, _CALLS_KEPT)
+
+    def send(
+        self, request: Mapping[str, Any], on_response: Callable[[dict[str, Any]], None], within_s: float
+    ) -> None:
+        """Send a request. ``on_response`` is called in the loop with the response, if one comes.
+
+        Args:
+            request: The request.
+            on_response: Called with the response.
+            within_s: A later response is dropped, in seconds.
+
+        Raises:
+            ValueError: A value does not fit its field.
+        """
+        attachment = Attachment(next(self._sequence), time.time_ns(), self._gid)
+        payload = encode(f"{self._type_name}_Request", request)
+        inbox, graph = self.inbox, self._graph
+
+        # This runs on zenoh's thread.
+        def arrived(reply: Any) -> None:
+            if reply.ok is not None:
+                inbox.waiting.append(((reply.ok, on_response), time.monotonic_ns()))
+                graph.wake()
+
+        with calls:
+            graph.session.get(
+                self._key,
+                callback(arrived),
+                payload=payload,
+                attachment=attachment.encode(),
+                target=zenoh.QueryTarget.ALL_COMPLETE,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=within_s,
+            )
+
+    def _on_reply(self, reply: Any, arrived_ns: int) -> None:
+        sample, on_response = reply
+        payload = sample.payload.to_bytes()
+        if len(payload) > MAX_BYTES:
+            self._graph.on_malformed(self._service, f"the response has {len(payload)} bytes")
+            return
+        try:
+            response = decode(f"{self._type_name}_Response", payload)
+        except MalformedCdr as error:
+            self._graph.on_malformed(self._service, str(error))
+            return
+        on_response(response)
+
+
 class _Inbox:
     """Arrived samples or queries that wait for the loop. In a flood only the newest remain."""
 
@@ -161,6 +227,14 @@ class Node:
 
         self._listen(_Inbox(handle, _CALLS_KEPT), declare)
         self._endpoint(Entity.SERVICE, service, type_name, Qos.DEFAULT)
+
+    def client(self, service: str, type_name: str) -> Client:
+        """Return a client of a service, which another node serves."""
+        token = self._endpoint(Entity.CLIENT, service, type_name, Qos.DEFAULT)
+        client = Client(self._graph, service, type_name, gid_of(token))
+        self._inboxes.append(client.inbox)
+        self._graph.add(client.inbox)
+        return client
 
     def close(self) -> None:
         """Take the node off the graph. Blocks for a few milliseconds."""
@@ -236,9 +310,11 @@ class Graph:
 
     def publishers(self, topic: str) -> list[str]:
         """Return the names of all nodes that publish a topic."""
-        matching = (
-            each for each in self.endpoints.values() if each.kind == Entity.PUBLISHER and each.topic == topic
-        )
+        return self.nodes_with(Entity.PUBLISHER, topic)
+
+    def nodes_with(self, kind: Entity, topic: str) -> list[str]:
+        """Return the names of all other nodes that have an endpoint of this kind for a topic or service."""
+        matching = (each for each in self.endpoints.values() if each.kind == kind and each.topic == topic)
         return sorted({endpoint.node for endpoint in matching})
 
     def node(self, namespace: str, name: str) -> Node:
@@ -259,6 +335,14 @@ class Graph:
 
         with calls:
             return declare(callback(arrived))
+
+    def add(self, inbox: _Inbox) -> None:
+        """Handle an inbox in the loop. Something else fills it, and calls ``wake``."""
+        self._inboxes.append(inbox)
+
+    def wake(self) -> None:
+        """Let the loop handle arrivals. It may be called from any thread."""
+        self._waker.wake()
 
     def forget(self, inbox: _Inbox) -> None:
         """Drop an inbox, with what waits in it."""
@@ -315,9 +399,17 @@ async def connect(
     """
     while True:
         try:
-            session = await trio.to_thread.run_sync(open_session, config((), [router], _SETTINGS))
+            return await connect_once(router, dialect, on_malformed)
         except zenoh.ZError as error:
             on_waiting(short(error))
             await trio.sleep(RETRY_S)
-        else:
-            return Graph(session, dialect, on_malformed)
+
+
+async def connect_once(router: str, dialect: Dialect, on_malformed: Callable[[str, str], None]) -> Graph:
+    """Connect to the router. For the arguments see ``connect``.
+
+    Raises:
+        zenoh.ZError: The router does not answer.
+    """
+    session = await trio.to_thread.run_sync(open_session, config((), [router], _SETTINGS))
+    return Graph(session, dialect, on_malformed)
