@@ -53,6 +53,7 @@ from strands_actors.supervisors.gate.messages import (
     Stopped,
     StoppedAt,
     StopReport,
+    WriterEnded,
 )
 from strands_actors.supervisors.refusals import link_lost
 from strands_actors.supervisors.root.messages import Decided, StateIs
@@ -162,6 +163,7 @@ class Gate(Actor):
         | Beat
         | Release
         | Stopped
+        | WriterEnded
         | GetObservation
         | GetSafety
         | GetStatus
@@ -208,6 +210,8 @@ class Gate(Actor):
                 self._leases.beat(message, self.context.received_ns)
             case Stopped():
                 self._writer_stopped(message.pid)
+            case WriterEnded():
+                self._writer_ended(message.pid)
             case Acquire():
                 return self._acquire(message)
             case Release():
@@ -402,6 +406,16 @@ class Gate(Actor):
             self._trip(Reason.LEASE, f"the process of {lease.owner.holder} is stopped")
         elif lease.pid == pid:
             self._trip(Reason.EXPIRED, f"the process of {lease.holder} is stopped")
+
+    def _writer_ended(self, pid: int) -> None:
+        """End the lease of an attached program that has ended, and that of its policy. If a setpoint is in force,
+        the robot goes to its safe state for a lost writer. Other programs may acquire the lease from now on."""
+        lease = self._leases.held
+        if lease is None or lease.owner.pid != pid:
+            return
+        self._leases.held = None
+        if self._live is not None:
+            self._trip(Reason.LEASE, f"the process of {lease.owner.holder} has ended")
 
     # -- checks when time passes
 

@@ -87,6 +87,14 @@ class Stopped(Message, frozen=True):
     pid: int
 
 
+class WriterEnded(Message, frozen=True):
+    """The process of a program that had attached itself to the robot has ended. Its lease ends at once."""
+
+    lane = "urgent"
+
+    pid: int
+
+
 class Release(Message, frozen=True):
     """Release a lease, the right to write setpoints.
 

@@ -309,7 +309,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.channel = channels.of_caller(robot, args["caller"])
         mesh.attach(node)
         visited = channels.of_visitors(robot, "wire")
-        await mesh.let_guests_in(args["listen"], channels.of_user(robot), visited, channels.shown(robot))
+        guests = channels.of_guests(robot, args["is_hosted"])
+        await mesh.let_guests_in(args["listen"], guests, visited, channels.shown(robot))
         await mesh.run()
 
     async def let_policies_in() -> None:

@@ -1043,9 +1043,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
-    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    domain_id: int = 0, robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
     network_interface: str = "",
 ) -> Booster: ...
 @overload
@@ -1055,8 +1055,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    setpoint_hz: float = 20.0,
 ) -> Crazyflie: ...
 @overload
 def Robot(
@@ -1065,8 +1066,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1079,9 +1080,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
-    turn_sign: float = 1.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    timeout_s: float = 10.0, turn_sign: float = 1.0,
 ) -> EarthRover: ...
 @overload
 def Robot(
@@ -1090,8 +1091,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1104,9 +1105,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
-    stream_rate_hz: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
 ) -> Franka: ...
 @overload
 def Robot(
@@ -1115,10 +1116,11 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
-    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
-    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
 ) -> G1: ...
 @overload
 def Robot(
@@ -1127,10 +1129,11 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
-    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
-    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
 ) -> Go2: ...
 @overload
 def Robot(
@@ -1139,9 +1142,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
-    password: str = "admin", control_frequency: float = 40.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    username: str = "admin", password: str = "admin", control_frequency: float = 40.0,
 ) -> Kinova: ...
 @overload
 def Robot(
@@ -1150,9 +1153,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
-    control_frequency: float = 50.0, connect_timeout: float = 5.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    fri_port: int = 30200, control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> Kuka: ...
 @overload
 def Robot(
@@ -1161,9 +1164,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
-    subscribe_hz: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
 ) -> Microduck: ...
 @overload
 def Robot(
@@ -1172,9 +1175,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
-    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 50.0, priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> RBY1: ...
 @overload
 def Robot(
@@ -1183,9 +1186,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
-    tts_url: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
 ) -> Reachy: ...
 @overload
 def Robot(
@@ -1194,9 +1197,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
-    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
     baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> Robotiq: ...
 @overload
@@ -1206,9 +1209,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
-    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 10.0, estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> Spot: ...
 @overload
 def Robot(
@@ -1217,8 +1220,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 15.0,
 ) -> Stretch: ...
 @overload
 def Robot(
@@ -1227,10 +1231,10 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
-    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
-    model: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 125.0, rtde_frequency: float | None = None,
+    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
 ) -> UR: ...
 @overload
 def Robot(
@@ -1239,8 +1243,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 100.0,
 ) -> XArm: ...
 @overload
 def Robot(
@@ -1249,9 +1254,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
-    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    timeout_s: float = 5.0, joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> YahboomM3Pro: ...
 @overload
 def Robot(
@@ -1260,8 +1265,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1270,8 +1275,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1281,8 +1286,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1292,8 +1297,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedBooster: ...
 @overload
 def Robot(
@@ -1303,8 +1308,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
 @overload
 def Robot(
@@ -1314,8 +1319,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedDynamixel: ...
 @overload
 def Robot(
@@ -1325,8 +1330,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedEarthRover: ...
 @overload
 def Robot(
@@ -1336,8 +1341,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedFeetech: ...
 @overload
 def Robot(
@@ -1347,8 +1352,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedFranka: ...
 @overload
 def Robot(
@@ -1358,8 +1363,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedG1: ...
 @overload
 def Robot(
@@ -1369,8 +1374,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedGo2: ...
 @overload
 def Robot(
@@ -1380,8 +1385,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedKinova: ...
 @overload
 def Robot(
@@ -1391,8 +1396,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedKuka: ...
 @overload
 def Robot(
@@ -1402,8 +1407,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
 @overload
 def Robot(
@@ -1413,8 +1418,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedRBY1: ...
 @overload
 def Robot(
@@ -1424,8 +1429,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedReachy: ...
 @overload
 def Robot(
@@ -1435,8 +1440,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedRobotiq: ...
 @overload
 def Robot(
@@ -1446,8 +1451,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedSpot: ...
 @overload
 def Robot(
@@ -1457,8 +1462,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
 @overload
 def Robot(
@@ -1468,8 +1473,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedUR: ...
 @overload
 def Robot(
@@ -1479,8 +1484,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedXArm: ...
 @overload
 def Robot(
@@ -1490,9 +1495,8 @@ def Robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedYahboomM3Pro: ...
 @overload
 def Robot(
@@ -1502,8 +1506,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimRobot: ...
 
 @overload
@@ -1513,9 +1517,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
-    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    domain_id: int = 0, robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
     network_interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncBooster]: ...
 @overload
@@ -1525,8 +1529,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    setpoint_hz: float = 20.0,
 ) -> AbstractAsyncContextManager[AsyncCrazyflie]: ...
 @overload
 def open_robot(
@@ -1535,8 +1540,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1549,9 +1554,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
-    turn_sign: float = 1.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    timeout_s: float = 10.0, turn_sign: float = 1.0,
 ) -> AbstractAsyncContextManager[AsyncEarthRover]: ...
 @overload
 def open_robot(
@@ -1560,8 +1565,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1574,9 +1579,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
-    stream_rate_hz: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncFranka]: ...
 @overload
 def open_robot(
@@ -1585,10 +1590,11 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
-    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
-    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncG1]: ...
 @overload
 def open_robot(
@@ -1597,10 +1603,11 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
-    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
-    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncGo2]: ...
 @overload
 def open_robot(
@@ -1609,9 +1616,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
-    password: str = "admin", control_frequency: float = 40.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    username: str = "admin", password: str = "admin", control_frequency: float = 40.0,
 ) -> AbstractAsyncContextManager[AsyncKinova]: ...
 @overload
 def open_robot(
@@ -1620,9 +1627,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
-    control_frequency: float = 50.0, connect_timeout: float = 5.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    fri_port: int = 30200, control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> AbstractAsyncContextManager[AsyncKuka]: ...
 @overload
 def open_robot(
@@ -1631,9 +1638,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
-    subscribe_hz: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
 ) -> AbstractAsyncContextManager[AsyncMicroduck]: ...
 @overload
 def open_robot(
@@ -1642,9 +1649,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
-    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 50.0, priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> AbstractAsyncContextManager[AsyncRBY1]: ...
 @overload
 def open_robot(
@@ -1653,9 +1660,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
-    tts_url: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncReachy]: ...
 @overload
 def open_robot(
@@ -1664,9 +1671,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
-    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
     baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> AbstractAsyncContextManager[AsyncRobotiq]: ...
 @overload
@@ -1676,9 +1683,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
-    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 10.0, estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> AbstractAsyncContextManager[AsyncSpot]: ...
 @overload
 def open_robot(
@@ -1687,8 +1694,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 15.0,
 ) -> AbstractAsyncContextManager[AsyncStretch]: ...
 @overload
 def open_robot(
@@ -1697,10 +1705,10 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
-    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
-    model: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 125.0, rtde_frequency: float | None = None,
+    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncUR]: ...
 @overload
 def open_robot(
@@ -1709,8 +1717,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    control_frequency: float = 100.0,
 ) -> AbstractAsyncContextManager[AsyncXArm]: ...
 @overload
 def open_robot(
@@ -1719,9 +1728,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
-    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    timeout_s: float = 5.0, joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> AbstractAsyncContextManager[AsyncYahboomM3Pro]: ...
 @overload
 def open_robot(
@@ -1730,8 +1739,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1740,8 +1749,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1751,8 +1760,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1762,8 +1771,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
 @overload
 def open_robot(
@@ -1773,8 +1782,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
 @overload
 def open_robot(
@@ -1784,8 +1793,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedDynamixel]: ...
 @overload
 def open_robot(
@@ -1795,8 +1804,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
 def open_robot(
@@ -1806,8 +1815,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFeetech]: ...
 @overload
 def open_robot(
@@ -1817,8 +1826,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
 @overload
 def open_robot(
@@ -1828,8 +1837,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedG1]: ...
 @overload
 def open_robot(
@@ -1839,8 +1848,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
 def open_robot(
@@ -1850,8 +1859,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
 @overload
 def open_robot(
@@ -1861,8 +1870,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKuka]: ...
 @overload
 def open_robot(
@@ -1872,8 +1881,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
 @overload
 def open_robot(
@@ -1883,8 +1892,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRBY1]: ...
 @overload
 def open_robot(
@@ -1894,8 +1903,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
 @overload
 def open_robot(
@@ -1905,8 +1914,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
 @overload
 def open_robot(
@@ -1916,8 +1925,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
 @overload
 def open_robot(
@@ -1927,8 +1936,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
 @overload
 def open_robot(
@@ -1938,8 +1947,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
 @overload
 def open_robot(
@@ -1949,8 +1958,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
 def open_robot(
@@ -1960,9 +1969,8 @@ def open_robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, attach: bool = False, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
 def open_robot(
@@ -1972,6 +1980,6 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...

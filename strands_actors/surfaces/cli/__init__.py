@@ -284,6 +284,52 @@ def send(
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
 
 
+@app.command()
+def up(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="TOML file with a table [robot.NAME] for each robot.")
+    ],
+    check: Annotated[
+        bool, typer.Option("--check", help="Only look for faults of the file. Nothing is started.")
+    ] = False,
+    new_adapters: Annotated[
+        bool, typer.Option("--new-adapters", help="Forget which USB adapter each robot had. Use it after a repair.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Keep the robots of a file, for scripts that come and go. Nothing is energised."""
+    from .host import up as run
+
+    raise typer.Exit(run(file, check, new_adapters, as_json=json))
+
+
+@app.command("status")
+def status_of_host(json: Json = False) -> None:
+    """Show the robots of this user's host (`up`), and why one is not up."""
+    from .host import Verb
+    from .host import give as run
+
+    raise typer.Exit(run(Verb.STATUS, as_json=json))
+
+
+@app.command()
+def reload(json: Json = False) -> None:
+    """Let the host (`up`) read its file again. Only robots that changed are stopped and started."""
+    from .host import Verb
+    from .host import give as run
+
+    raise typer.Exit(run(Verb.RELOAD, as_json=json))
+
+
+@app.command()
+def down(json: Json = False) -> None:
+    """Make the robots of the host (`up`) safe, and end it."""
+    from .host import Verb
+    from .host import give as run
+
+    raise typer.Exit(run(Verb.DOWN, as_json=json))
+
+
 @app.command("run")
 def run_(
     robot: Kind,
