@@ -1043,9 +1043,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    domain_id: int = 0, robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
+    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
     network_interface: str = "",
 ) -> Booster: ...
 @overload
@@ -1055,9 +1055,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    setpoint_hz: float = 20.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
 ) -> Crazyflie: ...
 @overload
 def Robot(
@@ -1066,8 +1065,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1080,9 +1079,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    timeout_s: float = 10.0, turn_sign: float = 1.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
+    turn_sign: float = 1.0,
 ) -> EarthRover: ...
 @overload
 def Robot(
@@ -1091,8 +1090,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1105,9 +1104,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
+    stream_rate_hz: float = 30.0,
 ) -> Franka: ...
 @overload
 def Robot(
@@ -1116,11 +1115,10 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> G1: ...
 @overload
 def Robot(
@@ -1129,11 +1127,10 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> Go2: ...
 @overload
 def Robot(
@@ -1142,9 +1139,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    username: str = "admin", password: str = "admin", control_frequency: float = 40.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
+    password: str = "admin", control_frequency: float = 40.0,
 ) -> Kinova: ...
 @overload
 def Robot(
@@ -1153,9 +1150,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    fri_port: int = 30200, control_frequency: float = 50.0, connect_timeout: float = 5.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
+    control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> Kuka: ...
 @overload
 def Robot(
@@ -1164,9 +1161,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
+    subscribe_hz: int | None = None,
 ) -> Microduck: ...
 @overload
 def Robot(
@@ -1175,9 +1172,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 50.0, priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
+    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> RBY1: ...
 @overload
 def Robot(
@@ -1186,9 +1183,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
+    tts_url: str | None = None,
 ) -> Reachy: ...
 @overload
 def Robot(
@@ -1197,9 +1194,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
+    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
     baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> Robotiq: ...
 @overload
@@ -1209,9 +1206,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 10.0, estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
+    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> Spot: ...
 @overload
 def Robot(
@@ -1220,9 +1217,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 15.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
 ) -> Stretch: ...
 @overload
 def Robot(
@@ -1231,10 +1227,10 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
+    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
+    model: str | None = None,
 ) -> UR: ...
 @overload
 def Robot(
@@ -1243,9 +1239,8 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 100.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
 ) -> XArm: ...
 @overload
 def Robot(
@@ -1254,9 +1249,9 @@ def Robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    timeout_s: float = 5.0, joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> YahboomM3Pro: ...
 @overload
 def Robot(
@@ -1265,8 +1260,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1275,8 +1270,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1286,8 +1281,8 @@ def Robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -1297,7 +1292,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedBooster: ...
 @overload
@@ -1308,7 +1303,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
 @overload
@@ -1319,7 +1314,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedDynamixel: ...
 @overload
@@ -1330,7 +1325,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedEarthRover: ...
 @overload
@@ -1341,7 +1336,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedFeetech: ...
 @overload
@@ -1352,7 +1347,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedFranka: ...
 @overload
@@ -1363,7 +1358,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedG1: ...
 @overload
@@ -1374,7 +1369,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedGo2: ...
 @overload
@@ -1385,7 +1380,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedKinova: ...
 @overload
@@ -1396,7 +1391,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedKuka: ...
 @overload
@@ -1407,7 +1402,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
 @overload
@@ -1418,7 +1413,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedRBY1: ...
 @overload
@@ -1429,7 +1424,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedReachy: ...
 @overload
@@ -1440,7 +1435,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedRobotiq: ...
 @overload
@@ -1451,7 +1446,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedSpot: ...
 @overload
@@ -1462,7 +1457,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
 @overload
@@ -1473,7 +1468,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedUR: ...
 @overload
@@ -1484,7 +1479,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimulatedXArm: ...
 @overload
@@ -1495,8 +1490,8 @@ def Robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedYahboomM3Pro: ...
 @overload
 def Robot(
@@ -1506,9 +1501,14 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimRobot: ...
+@overload
+def Robot(
+    name: str, *, attach: Literal[True], arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> RealRobot: ...
 
 @overload
 def open_robot(
@@ -1517,9 +1517,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    domain_id: int = 0, robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
+    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
     network_interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncBooster]: ...
 @overload
@@ -1529,9 +1529,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    setpoint_hz: float = 20.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
 ) -> AbstractAsyncContextManager[AsyncCrazyflie]: ...
 @overload
 def open_robot(
@@ -1540,8 +1539,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1554,9 +1553,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    timeout_s: float = 10.0, turn_sign: float = 1.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
+    turn_sign: float = 1.0,
 ) -> AbstractAsyncContextManager[AsyncEarthRover]: ...
 @overload
 def open_robot(
@@ -1565,8 +1564,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
@@ -1579,9 +1578,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
+    stream_rate_hz: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncFranka]: ...
 @overload
 def open_robot(
@@ -1590,11 +1589,10 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncG1]: ...
 @overload
 def open_robot(
@@ -1603,11 +1601,10 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    level: Literal["low", "sport"] = "low", on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncGo2]: ...
 @overload
 def open_robot(
@@ -1616,9 +1613,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    username: str = "admin", password: str = "admin", control_frequency: float = 40.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
+    password: str = "admin", control_frequency: float = 40.0,
 ) -> AbstractAsyncContextManager[AsyncKinova]: ...
 @overload
 def open_robot(
@@ -1627,9 +1624,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    fri_port: int = 30200, control_frequency: float = 50.0, connect_timeout: float = 5.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
+    control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> AbstractAsyncContextManager[AsyncKuka]: ...
 @overload
 def open_robot(
@@ -1638,9 +1635,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
+    subscribe_hz: int | None = None,
 ) -> AbstractAsyncContextManager[AsyncMicroduck]: ...
 @overload
 def open_robot(
@@ -1649,9 +1646,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 50.0, priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
+    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> AbstractAsyncContextManager[AsyncRBY1]: ...
 @overload
 def open_robot(
@@ -1660,9 +1657,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
+    tts_url: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncReachy]: ...
 @overload
 def open_robot(
@@ -1671,9 +1668,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
+    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
     baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> AbstractAsyncContextManager[AsyncRobotiq]: ...
 @overload
@@ -1683,9 +1680,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 10.0, estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
+    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> AbstractAsyncContextManager[AsyncSpot]: ...
 @overload
 def open_robot(
@@ -1694,9 +1691,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 15.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
 ) -> AbstractAsyncContextManager[AsyncStretch]: ...
 @overload
 def open_robot(
@@ -1705,10 +1701,10 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
+    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
+    model: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncUR]: ...
 @overload
 def open_robot(
@@ -1717,9 +1713,8 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    control_frequency: float = 100.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
 ) -> AbstractAsyncContextManager[AsyncXArm]: ...
 @overload
 def open_robot(
@@ -1728,9 +1723,9 @@ def open_robot(
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-    timeout_s: float = 5.0, joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> AbstractAsyncContextManager[AsyncYahboomM3Pro]: ...
 @overload
 def open_robot(
@@ -1739,8 +1734,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1749,8 +1744,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1760,8 +1755,8 @@ def open_robot(
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
-    policy_limits: Mapping[str, Any] | None = None, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1771,7 +1766,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
 @overload
@@ -1782,7 +1777,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
 @overload
@@ -1793,7 +1788,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedDynamixel]: ...
 @overload
@@ -1804,7 +1799,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
@@ -1815,7 +1810,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFeetech]: ...
 @overload
@@ -1826,7 +1821,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
 @overload
@@ -1837,7 +1832,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedG1]: ...
 @overload
@@ -1848,7 +1843,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
@@ -1859,7 +1854,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
 @overload
@@ -1870,7 +1865,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKuka]: ...
 @overload
@@ -1881,7 +1876,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
 @overload
@@ -1892,7 +1887,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRBY1]: ...
 @overload
@@ -1903,7 +1898,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
 @overload
@@ -1914,7 +1909,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
 @overload
@@ -1925,7 +1920,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
 @overload
@@ -1936,7 +1931,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
 @overload
@@ -1947,7 +1942,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
 @overload
@@ -1958,7 +1953,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
@@ -1969,8 +1964,8 @@ def open_robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, attach: bool = False, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
 def open_robot(
@@ -1980,6 +1975,11 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    attach: bool = False, arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...
+@overload
+def open_robot(
+    name: str, *, attach: Literal[True], arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...

@@ -166,7 +166,7 @@ class _Reader:
                 )
         metrics = self._metrics(host.get("metrics", METRICS))
         tables = self._table(("robot",), self._document.get("robot", {}))
-        if not tables:
+        if not self._document.get("robot"):
             self._fault(("robot",), "it names no robot. Add a table [robot.NAME] with type = ...")
         robots: dict[str, RobotSpec] = {}
         lines_of_names: dict[str, int] = {}

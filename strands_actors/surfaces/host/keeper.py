@@ -132,11 +132,8 @@ class Keeper:
         try:
             plan = spec.plan()
             self._port = "" if plan.twin_process is not None else plan.port
-            if self._port and (problem := ground.adapters.problem_of(spec.name, self._port, spec.adapter)):
+            if problem := self._problem_of_port():
                 return problem
-            # Without this check, each attempt would start all processes of the robot.
-            if os.path.isabs(self._port) and not os.path.exists(self._port):
-                return f"there is no device {self._port}. Plug it in, or correct port"
             plan = await completed(plan)
         except (TypeError, ValueError, ImportError, WireDown) as error:
             return str(error)
@@ -151,6 +148,16 @@ class Keeper:
         _log.info("%s: up, disarmed", spec.name)
         self.settled.set()
         return ""
+
+    def _problem_of_port(self) -> str:
+        """Return why the robot cannot be at its port; empty if it may be."""
+        port = self._port
+        if not os.path.isabs(port):
+            return ""
+        if problem := self._ground.adapters.problem_of(self.spec.name, port, self.spec.adapter):
+            return problem
+        # Without this check, each attempt would start all processes of the robot.
+        return "" if os.path.exists(port) else f"there is no device {port}. Plug it in, or correct port"
 
     async def _until_end(self) -> str:
         """Wait until the robot's processes have ended, or its guardian is silent. Return the reason."""
