@@ -170,3 +170,8 @@ def test_each_key_has_the_line_of_its_statement(tables: dict[str, dict[str, str]
         return tuple(part.strip("\"'") for key in keys for part in key.split("."))
 
     assert {keys: found[path(*keys)] for keys, _ in expected} == dict(expected)
+
+
+def test_the_example_has_no_faults() -> None:
+    fleet = read_fleet(Path(__file__).parents[2] / "examples" / "host" / "fleet.toml")
+    assert list(fleet.robots) == ["left", "right"]

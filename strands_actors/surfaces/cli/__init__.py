@@ -330,6 +330,28 @@ def down(json: Json = False) -> None:
     raise typer.Exit(run(Verb.DOWN, as_json=json))
 
 
+@app.command()
+def install(
+    systemd: Annotated[bool, typer.Option("--systemd", help="The unit that starts the host (`up`).")] = False,
+    udev: Annotated[
+        bool, typer.Option("--udev", help="Rules for serial adapters: names by serial number, and permissions.")
+    ] = False,
+    file: Annotated[Path | None, typer.Option(metavar="FILE", help="The host's file, for --systemd.")] = None,
+    user: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The ordinary user that the host and its scripts run as.")
+    ] = None,
+    below: Annotated[
+        Path, typer.Option(metavar="DIR", help="The root directory to write to, such as that of an image.")
+    ] = Path("/"),
+    yes: Annotated[bool, typer.Option("--yes", help="Write the files. Without it they are only printed.")] = False,
+    json: Json = False,
+) -> None:
+    """Print the systemd unit and the udev rules for the host (`up`), or write them."""
+    from .install import install as run
+
+    raise typer.Exit(run(systemd, udev, file, user, below, yes, as_json=json))
+
+
 @app.command("run")
 def run_(
     robot: Kind,

@@ -8,6 +8,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller.processes.background import open_background
 from strands_actors.contract.extras import MissingExtra, require
 from strands_actors.kernel.processes.identity import take_name
 from strands_actors.surfaces.mesh.client import open_mesh
@@ -34,6 +35,6 @@ async def _serve(host: str, port: int, sock: socket.socket) -> None:
         await trio.lowlevel.wait_readable(sock)
         os._exit(0)
 
-    async with trio.open_nursery() as nursery, open_mesh(MeshConfig()) as client:
+    async with open_mesh(MeshConfig()) as client, open_background() as nursery:
         nursery.start_soon(outlive_host)
         await serve(client, host, port, lambda url: sock.sendall(f"{url}\n".encode()))

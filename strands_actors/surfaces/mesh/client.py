@@ -98,8 +98,7 @@ class MeshClient:
     def __init__(
         self, config: MeshConfig, nursery: trio.Nursery, now_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        user = re.sub(r"[^A-Za-z0-9_-]", "-", getpass.getuser())[:32] or "user"
-        self.sender = f"{config.own_prefix or user + '-'}{os.getpid()}-{secrets.token_hex(3)}"
+        self.sender = f"{config.own_prefix or _user() + '-'}{os.getpid()}-{secrets.token_hex(3)}"
         self._proof = secrets.token_hex(16)
         self.now_ns = now_ns
         self.sessions = Sessions(config, nursery, self._on_join)
@@ -391,6 +390,15 @@ class MeshClient:
                 if response.final:
                     done.add(outcome.robot)
             nursery.cancel_scope.cancel()
+
+
+def _user() -> str:
+    """Return the name of the user, as a part of the sender's name. In a container the user may have no name."""
+    try:
+        name = getpass.getuser()
+    except (KeyError, OSError):
+        name = f"user-{os.getuid()}"
+    return re.sub(r"[^A-Za-z0-9_-]", "-", name)[:32] or "user"
 
 
 @contextlib.asynccontextmanager
