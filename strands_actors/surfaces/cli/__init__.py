@@ -771,18 +771,30 @@ def twin_order(
 
 @app.command()
 def mcp(
-    robot: Annotated[str, typer.Argument(help="The robot's type, as `list` shows it.")],
+    robot: Annotated[
+        str | None, typer.Argument(metavar="[ROBOT]", help="The robot's type, as `list` shows it.")
+    ] = None,
     port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
     transport: Annotated[str | None, typer.Option(help="`twin`: the robot's twin, behind its real driver.")] = None,
     id_: Id = None,
     allow_motion: Annotated[
         bool, typer.Option("--allow-motion", help="Energise the robot, and accept motion.")
     ] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="One tool for all running robots. It energises none.")
+    ] = False,
+    mesh: Mesh = None,
 ) -> None:
-    """Serve a robot as a tool over MCP, on standard input and output."""
-    from .mcp import serve_mcp
+    """Serve a robot, or all running robots, as a tool over MCP, on standard input and output."""
+    from .mcp import serve_fleet, serve_mcp
 
-    serve_mcp(robot, port, transport, id_, allow_motion)
+    one_or_all("mcp", robot, all_)
+    if robot is not None:
+        serve_mcp(robot, port, transport, id_, allow_motion)
+    elif all_:
+        serve_fleet(mesh, allow_motion)
+    else:
+        raise Problem("mcp: no robot is given. Give the type of a robot, or --all")
 
 
 @app.command()
