@@ -32,7 +32,7 @@ from strands_actors.supervisors.gate.messages import (
     Stop,
 )
 from strands_actors.supervisors.root.messages import (
-    Attach,
+    AttachProgram,
     Describe,
     EpisodeKey,
     EpisodeState,
@@ -128,7 +128,7 @@ def of_attached(robot: str) -> Channel:
     tells: dict[str, MessageTypes] = {
         actors.gate: COMMANDS,
         actors.guardian: frozenset({Fence}),
-        actors.root: frozenset({Describe, Attach}),
+        actors.root: frozenset({Describe, AttachProgram}),
         actors.tasks: None,
     }
     return Channel("", tells=tells | _inside(robot))

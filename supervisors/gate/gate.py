@@ -64,6 +64,7 @@ from . import failsafe, refusals
 from .admission import Admission, GateSnapshot
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
+from .intervals import Intervals
 from .lease import LEASE_TTL_NS, HeldLease, Leases
 from .memory import GateMemory, Waiting
 from .target_after_hold import target_after_hold
@@ -146,6 +147,7 @@ class Gate(Actor):
         self._last_refusal = ""
         self._refused: dict[str, int] = {}
         self._setpoints = 0
+        self._intervals = Intervals()
 
     async def started(self) -> None:
         transport, watchdog, guardian = self._addresses
@@ -275,6 +277,7 @@ class Gate(Actor):
             return admitted
         self._advance(Event.SETPOINT)
         self._setpoints += 1
+        self._intervals.note(message.lease, message.period_s > 0, now_ns)
         self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
         self._live = Live(admitted.until_ns or None)
@@ -826,6 +829,8 @@ class Gate(Actor):
             self._cause.text or self._last_cause,
             dict(self._refused),
             self._setpoints,
+            tuple(self._intervals.counts),
+            self._intervals.total_s,
         )
 
     def _no_motion(self) -> Refused | None:

@@ -43,6 +43,7 @@ from strands_actors.supervisors.root.messages import (
     HandedOver,
     Handover,
     Happened,
+    RecorderGap,
     Renew,
     SilentUntil,
     StateIs,
@@ -92,6 +93,7 @@ class Guardian(Actor):
         on_decided: Called with each decision of the gate, for the audit.
         on_failed: Called after each attempt to stop the robot that was not confirmed.
         on_suspended: Called with the id of a writer's process that the system has suspended (SIGSTOP).
+        on_gap: Called with the number of missing events of each gap in a recording of the wire process.
     """
 
     def __init__(
@@ -111,6 +113,7 @@ class Guardian(Actor):
         on_decided: Callable[[Decided], None] = lambda _: None,
         on_failed: Callable[[], None] = lambda: None,
         on_suspended: Callable[[int], None] = lambda _: None,
+        on_gap: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -129,6 +132,7 @@ class Guardian(Actor):
         self._on_decided = on_decided
         self._on_failed = on_failed
         self._on_suspended = on_suspended
+        self._on_gap = on_gap
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.initial_operator, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -167,7 +171,7 @@ class Guardian(Actor):
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
-        self, message: Tick | SilentUntil | Renew | StateIs | GetState | Decided | Handover | Fence
+        self, message: Tick | SilentUntil | Renew | StateIs | GetState | RecorderGap | Decided | Handover | Fence
     ) -> HandedOver | StateIs | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
@@ -197,6 +201,8 @@ class Guardian(Actor):
                         self._on_state(message)
             case GetState():
                 return self.state
+            case RecorderGap():
+                self._on_gap(message.missed)
             case Decided():
                 self._on_decided(message)
             case Handover():

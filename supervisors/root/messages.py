@@ -50,6 +50,15 @@ class Decided(Message, frozen=True):
     over: str = ""
 
 
+class RecorderGap(Message, frozen=True):
+    """A recording of the wire process has a gap, because its recorder was too slow.
+
+    ``missed`` is the number of events that are missing.
+    """
+
+    missed: int
+
+
 class GetState(Message, frozen=True):
     """Ask the guardian for the failsafe state. The host of a robot checks by the answer that the guardian runs."""
 
@@ -215,7 +224,7 @@ class Describe(Message, frozen=True):
     channel: str = ""
 
 
-class Attach(Message, frozen=True):
+class AttachProgram(Message, frozen=True):
     """Ask the root of a robot that a host keeps for everything that a program needs to command the robot.
 
     Attributes:
@@ -227,7 +236,7 @@ class Attach(Message, frozen=True):
 
 
 class Hosted(Message, frozen=True):
-    """The answer to ``Attach``: the settings that the host gives to a handle of the robot, as plain data."""
+    """The answer to ``AttachProgram``: the settings that the host gives to a handle of the robot, as plain data."""
 
     settings: dict[str, Any]
 

@@ -51,7 +51,7 @@ from strands_actors.supervisors.mesh.service import MeshService
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
-    Attach,
+    AttachProgram,
     Describe,
     EpisodeState,
     GetMesh,
@@ -97,9 +97,9 @@ class Root(Actor):
         self._tree = tree
 
     def receive(
-        self, message: Describe | GetMesh | Attach | Shutdown
+        self, message: Describe | GetMesh | AttachProgram | Shutdown
     ) -> TreeReport | OnMesh | Hosted | StopReport | Refused | Deferred | None:
-        if isinstance(message, Attach):
+        if isinstance(message, AttachProgram):
             self._tree.attached.watch(message.pid)
             return Hosted(self._tree.args["hosted"])
         deferred = self.context.defer()
@@ -215,6 +215,7 @@ class Tree:
             rings,
             self.audit.note,
             lambda: self.restarts,
+            lambda: self.recorder_gaps,
         )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.safety_page = SafetyPage(words)
@@ -245,6 +246,7 @@ class Tree:
             lambda decided: self.audit.note(decided.sender, decided.order, decided.result, decided.over),
             RESERVE.end_if_short,
             self._see_suspended,
+            self._note_gap,
         )
         self.attached = AttachedPrograms(
             lambda: self.node.ref(self.actors.gate, Gate),
@@ -254,6 +256,7 @@ class Tree:
         self.standby.on_begun = self.guardian.begin_standby
         RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
+        self.recorder_gaps = {"recorder_gaps": 0, "recorder_missed": 0}
         self._instrument: InstrumentKeeper | None = None  # the actor to which a recorder of this process connects
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -302,8 +305,13 @@ class Tree:
         actors, driver = self.actors, self.driver
         names = {address: name_of(address) for address in (actors.guardian, actors.tasks, actors.root)}
         description = without_secrets(self.args["driver"], type(driver))
-        self._instrument = InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        attached = Attached(description, driver.axes, driver.unit)
+        self._instrument = InstrumentKeeper(names, attached, dull=_DULL, on_gap=self._note_gap)
         return self._instrument
+
+    def _note_gap(self, missed: int) -> None:
+        self.recorder_gaps["recorder_gaps"] += 1
+        self.recorder_gaps["recorder_missed"] += missed
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:

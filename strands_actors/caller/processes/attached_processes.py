@@ -26,7 +26,7 @@ from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import RESUME, Stop
 from strands_actors.supervisors.root.guardian import Guardian
-from strands_actors.supervisors.root.messages import Attach, Describe, Fence, Hosted, TreeReport
+from strands_actors.supervisors.root.messages import AttachProgram, Describe, Fence, Hosted, TreeReport
 from strands_actors.supervisors.root.process import Root
 from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.supervisors.stop_result import StopResult
@@ -165,7 +165,7 @@ async def _attach(root: Ref, robot: str, pid: int) -> dict[str, Any]:
     with trio.move_on_after(REACH_S):
         while True:
             try:
-                answer = await root.ask(Attach(pid), 1.0)
+                answer = await root.ask(AttachProgram(pid), 1.0)
             except (AskTimeout, Unreachable) as error:
                 failure = str(error)
                 await trio.sleep(0.005)
