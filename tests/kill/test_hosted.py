@@ -1,5 +1,6 @@
-"""SAF-002, SAF-003, SAF-004: a robot that a host keeps is as safe as the robot of a script, and its host is one more
-process that may fail.
+"""SAF-002, SAF-003, SAF-004: a robot that a host keeps is as safe as the robot of a script.
+
+Its host is one more process that may fail.
 
 ``strands-actors matrix --drivers so101:hosted`` measures all cells.
 """
