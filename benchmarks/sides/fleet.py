@@ -74,10 +74,11 @@ class Arm:
         self.events.append(f"{time.monotonic() - began_s:.2f} s {self.robot.name}: {event}")
 
 
-def start(number: int, directory: Path) -> Arm:
+def start(number: int, directory: Path, **options: str) -> Arm:
+    """Start one robot with its own log. ``options`` are those of its driver."""
     log = directory / f"{number}.ndjson"
     os.environ["STRANDS_ACTORS_TWIN_LOG"] = str(log)
-    robot = Robot("so101", mode="real", transport="twin", tool_name=f"arm{number:02}")
+    robot = Robot("so101", mode="real", transport="twin", tool_name=f"arm{number:02}", **options)
     arm = Arm(robot, WireLog(log))
     problem = robot.connect_eagerly()
     if problem is not None:

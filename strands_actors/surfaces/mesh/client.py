@@ -50,6 +50,9 @@ PRESENCE_S = 1.5
 CLOCK_AGE_S = 10.0
 """A clock is read again if the last reading is older."""
 
+MOST_ANSWERS = 16384
+"""Most answers that wait to be read. All robots behind a router answer an e-stop at the same moment."""
+
 _decode_response = msgspec.json.Decoder(Response).decode
 _COMMAND = schema("command")
 
@@ -112,7 +115,7 @@ class MeshClient:
     def _on_join(self, session: PubSub) -> None:
         session.get_ready(mesh_json.ESTOP_KEY, _COMMAND)
         responses = mesh_json.response_key(self.sender, "*", "*")
-        session.subscribe(responses, lambda received: self._on_response(session, received))
+        session.subscribe(responses, lambda received: self._on_response(session, received), keep=MOST_ANSWERS)
 
     # -- robots
 
@@ -261,7 +264,7 @@ class MeshClient:
             del self._waiting[turn]
 
     def _open_turn(self) -> tuple[str, trio.MemoryReceiveChannel[Response]]:
-        send, receive = trio.open_memory_channel[Response](256)
+        send, receive = trio.open_memory_channel[Response](MOST_ANSWERS)
         turn = self._new_turn()
         self._waiting[turn] = send
         return turn, receive
