@@ -21,6 +21,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from benchmarks.stage import at_home
 from strands_actors import Robot
@@ -74,7 +75,7 @@ class Arm:
         self.events.append(f"{time.monotonic() - began_s:.2f} s {self.robot.name}: {event}")
 
 
-def start(number: int, directory: Path, **options: str) -> Arm:
+def start(number: int, directory: Path, **options: Any) -> Arm:
     """Start one robot with its own log. ``options`` are those of its driver."""
     log = directory / f"{number}.ndjson"
     os.environ["STRANDS_ACTORS_TWIN_LOG"] = str(log)

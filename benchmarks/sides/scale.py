@@ -44,8 +44,8 @@ from .wire import percentile, processor_s
 
 ROUTER, ROBOTS, MADE = "router", "robots", "ready"
 WAIT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
-"""zenoh's setting. Its default of 1 ms is too short for the answers of 100 robots to one e-stop: a link has room for
-16 urgent messages, and a router that gets no processor for a moment drops the others."""
+"""zenoh's setting. Its default of 1 ms is too short for the answers of 100 robots to one e-stop: a link has room
+for 16 urgent messages, and a router that gets no processor for a moment drops the others."""
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 TICK_S = 0.1
 PRESENCE_EVERY, HEALTH_EVERY = 5, 20
@@ -248,9 +248,11 @@ def measure(count: int, per_router: int, seconds: float, wait_us: int, directory
 
 def main() -> None:
     if sys.argv[1:2] == [ROUTER]:
-        trio.run(route, *map(int, sys.argv[2:]))
+        port, central, wait_us = map(int, sys.argv[2:])
+        trio.run(route, port, central, wait_us)
     if sys.argv[1:2] == [ROBOTS]:
-        trio.run(stand_in, *map(int, sys.argv[2:]))
+        port, first, count = map(int, sys.argv[2:])
+        trio.run(stand_in, port, first, count)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", type=int, nargs="+")
     parser.add_argument("--per-router", type=int, default=100)
@@ -259,11 +261,9 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
         at_home(f"{directory}/run")
-        for count in options.count:
-            print(
-                json.dumps(measure(count, options.per_router, options.seconds, options.wait_us, Path(directory))),
-                flush=True,
-            )
+        for robots in options.count:
+            figures = measure(robots, options.per_router, options.seconds, options.wait_us, Path(directory))
+            print(json.dumps(figures), flush=True)
 
 
 if __name__ == "__main__":

@@ -292,7 +292,7 @@ class Bench:
         return "" if self._driver_class is None else class_path_of(self._driver_class)
 
     @property
-    def _environment(self) -> dict[str, str]:
+    def _environment(self) -> Mapping[str, str]:
         return environment(
             STRANDS_ACTORS_RUN=str(self._directory / "run"),
             STRANDS_ACTORS_DATA=str(self._directory / "data"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,6 +81,25 @@ def host(run_dir: Path, tmp_path: Path) -> Iterator[HostProcess]:
     process.end()
 
 
+@contextlib.contextmanager
+def systemd(path: Path) -> Iterator[set[str]]:
+    """Yield the states that the host reports to systemd."""
+    states: set[str] = set()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as server:
+        server.bind(str(path))
+
+        def read() -> None:
+            while data := server.recv(4096):
+                states.add(data.decode())
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        yield states
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", str(path))
+        reader.join()
+
+
 def attached(name: str) -> RealRobot:
     robot = Robot(name, attach=True)
     deadline_s = time.monotonic() + PATIENCE_S
@@ -86,8 +108,12 @@ def attached(name: str) -> RealRobot:
     return robot
 
 
-def test_scripts_come_and_go_and_the_host_stays(host: HostProcess) -> None:
-    began = host.start(FLEET + BROKEN)
+def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path) -> None:
+    with systemd(run_dir / "notify") as states:
+        host.cli.environment |= {"NOTIFY_SOCKET": str(run_dir / "notify"), "WATCHDOG_USEC": "10000000"}
+        began = host.start(FLEET + BROKEN)
+        expected = {"READY=1\nSTATUS=2 of 3 robots are up", "WATCHDOG=1"}
+        until(lambda: expected <= states, "systemd hears that the host is ready, and alive")
     robots = {robot["name"]: robot for robot in began["robots"]}
     assert {name: robot["phase"] for name, robot in robots.items()} == {
         "left": "up",

@@ -2,9 +2,9 @@
 
     agent = strands.Agent(tools=[fleet()])
 
-The tool has no rights of its own. It sends the commands that any program on the mesh may send: the gate of each
-robot checks them, the lease decides who commands, and a robot refuses a task that needs an approval which it cannot
-ask for. Stops are always carried out.
+The tool has no special rights. It sends the commands that any program on the mesh may send. The gate of each robot
+checks them, and the lease decides which program commands. A robot refuses a task that needs an approval, since it
+cannot ask for one. Stops are always carried out.
 """
 
 from __future__ import annotations

@@ -306,28 +306,25 @@ def up(
 @app.command("status")
 def status_of_host(json: Json = False) -> None:
     """Show the robots of this user's host (`up`), and why one is not up."""
-    from .host import Verb
-    from .host import give as run
+    from .host import status as run
 
-    raise typer.Exit(run(Verb.STATUS, as_json=json))
+    raise typer.Exit(run(as_json=json))
 
 
 @app.command()
 def reload(json: Json = False) -> None:
     """Let the host (`up`) read its file again. Only robots that changed are stopped and started."""
-    from .host import Verb
-    from .host import give as run
+    from .host import reload as run
 
-    raise typer.Exit(run(Verb.RELOAD, as_json=json))
+    raise typer.Exit(run(as_json=json))
 
 
 @app.command()
 def down(json: Json = False) -> None:
     """Make the robots of the host (`up`) safe, and end it."""
-    from .host import Verb
-    from .host import give as run
+    from .host import down as run
 
-    raise typer.Exit(run(Verb.DOWN, as_json=json))
+    raise typer.Exit(run(as_json=json))
 
 
 @app.command()

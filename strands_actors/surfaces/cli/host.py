@@ -65,47 +65,61 @@ def _keep(fleet: Fleet, new_adapters: bool, as_json: bool) -> int:
     return 0
 
 
-def give(verb: Verb, as_json: bool) -> int:
-    """Send an order to the host, and show its answer.
+def status(as_json: bool) -> int:
+    """Show the robots of the host. Return 1 if one is not up. Raise ``Problem`` if no host answers."""
+    answer = _give(Verb.STATUS)
+    show(answer, as_json)
+    return 0 if all(robot.phase == Phase.UP for robot in answer.robots) else NOT_UP
+
+
+def reload(as_json: bool) -> int:
+    """Let the host read its file again.
 
     Returns:
-        0; 1 if a robot is not up; 2 if the file has faults.
+        0; 1 if a robot is not up; 2 if the file has faults, and nothing was changed.
 
     Raises:
         Problem: No host answers.
     """
-    try:
-        status = order(verb)
-    except NoHost as none:
-        raise Problem(f"{verb}: {none}") from none
-    if verb is Verb.DOWN:
-        names = [robot.name for robot in status.robots]
-        print(json.dumps({"down": names}) if as_json else f"down: {', '.join(names) or 'no robot'}")
-        return 0
-    show(status, as_json)
-    if status.faults:
-        for fault in status.faults:
-            print(f"{status.file}:{fault.line}: {fault.text}", file=sys.stderr)
+    answer = _give(Verb.RELOAD)
+    show(answer, as_json)
+    if answer.faults:
+        for fault in answer.faults:
+            print(f"{answer.file}:{fault.line}: {fault.text}", file=sys.stderr)
         print("strands-actors: nothing was changed", file=sys.stderr)
         return BAD
-    if verb is Verb.RELOAD and not as_json:
-        print(f"changed: {', '.join(status.changed) or 'nothing'}")
-    return 0 if all(robot.phase == Phase.UP for robot in status.robots) else NOT_UP
+    if not as_json:
+        print(f"changed: {', '.join(answer.changed) or 'nothing'}")
+    return 0 if all(robot.phase == Phase.UP for robot in answer.robots) else NOT_UP
 
 
-def show(status: HostStatus, as_json: bool) -> None:
+def down(as_json: bool) -> int:
+    """Make all robots safe, and end the host. Raise ``Problem`` if no host answers."""
+    names = [robot.name for robot in _give(Verb.DOWN).robots]
+    print(json.dumps({"down": names}) if as_json else f"down: {', '.join(names) or 'no robot'}")
+    return 0
+
+
+def _give(verb: Verb) -> HostStatus:
+    try:
+        return order(verb)
+    except NoHost as none:
+        raise Problem(f"{verb}: {none}") from none
+
+
+def show(answer: HostStatus, as_json: bool) -> None:
     """Print the status of a host."""
     if as_json:
-        print(json.dumps(msgspec.to_builtins(status)), flush=True)
+        print(json.dumps(msgspec.to_builtins(answer)), flush=True)
         return
-    width = max((len(robot.name) for robot in status.robots), default=0)
-    for robot in status.robots:
+    width = max((len(robot.name) for robot in answer.robots), default=0)
+    for robot in answer.robots:
         print(f"{robot.name:<{width}}  {robot.type:<8}  {_state(robot)}")
-    print(f"host: process {status.pid}, {status.file}")
-    if status.metrics or status.metrics_problem:
-        print(f"metrics: {status.metrics or status.metrics_problem}")
-    if status.problem:
-        print(f"adapters: {status.problem}")
+    print(f"host: process {answer.pid}, {answer.file}")
+    if answer.metrics or answer.metrics_problem:
+        print(f"metrics: {answer.metrics or answer.metrics_problem}")
+    if answer.problem:
+        print(f"adapters: {answer.problem}")
     sys.stdout.flush()
 
 

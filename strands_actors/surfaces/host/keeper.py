@@ -32,7 +32,7 @@ _log = logging.getLogger("strands_actors")
 
 
 class Phase(enum.StrEnum):
-    """What the host does with a robot."""
+    """The phase of a robot: the host starts it, keeps it, waits to try again, or stops it."""
 
     STARTING = "starting"
     UP = "up"  # its processes run, and its link was up once
@@ -46,12 +46,12 @@ class RobotStatus(msgspec.Struct, frozen=True):
     Attributes:
         name: Its name.
         type: Its type.
-        phase: What the host does with it (``Phase``).
+        phase: Its ``Phase``.
         reason: Why it is not up, or why its link is down; empty if it is well.
-        retry_s: Seconds to the next attempt; 0 if none is planned.
+        retry_s: Seconds to the next attempt; 0 if it does not wait for one.
         starts: How often its processes were started.
         state: The robot's state, such as ``disarmed``; empty if it does not answer.
-        holder: The program that holds the lease; empty if none does.
+        holder: The program that holds the lease; empty if it is free.
         locked_by: The operator of an e-stop that locks it; empty without a lock.
         port: Its port; empty for a simulated robot.
         adapter: Serial number of its USB adapter, if it is known.
@@ -138,9 +138,9 @@ class Keeper:
         except (TypeError, ValueError, ImportError, WireDown) as error:
             return str(error)
         self._tree = tree = RobotTree(ground.node, ground.nursery, ground.entrance, plan)
-        problem = await tree.connect(arm=False)
-        if problem:
-            return problem
+        failure = await tree.connect(arm=False)
+        if failure is not None:
+            return failure
         if self._port:
             ground.adapters.remember(spec.name, self._port)
         self._phase, self._reason = Phase.UP, ""

@@ -41,7 +41,7 @@ class HostStatus(msgspec.Struct, frozen=True):
         pid: Process id of the host.
         file: Its file.
         robots: Its robots, by name.
-        metrics: The URL of its metrics; empty if it serves none.
+        metrics: The URL of its metrics; empty if it does not serve them.
         metrics_problem: Why it serves no metrics; empty if it does, or if none are wanted.
         problem: Why the adapters cannot be remembered; empty if they can.
         changed: After a reload: the robots that were stopped or started.

@@ -9,6 +9,8 @@ import contextlib
 import os
 import socket
 
+ROOM_S = 1.0
+"""Longest wait for room in the socket of systemd."""
 READY, STOPPING, ALIVE, RELOADING = "READY=1", "STOPPING=1", "WATCHDOG=1", "RELOADING=1"
 
 
@@ -26,10 +28,14 @@ class Notifier:
         environment.pop("WATCHDOG_PID", None)
 
     def send(self, *states: str) -> None:
-        """Send states in one datagram. A full or closed socket of systemd is no reason to end the host."""
+        """Send states in one datagram.
+
+        ``ALIVE`` is sent again soon, so it never waits. The other states are sent once, so they wait for room in
+        the socket. A closed socket of systemd is no reason to end the host.
+        """
         if not self._address:
             return
         address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
-        kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
-        with socket.socket(socket.AF_UNIX, kind) as sender, contextlib.suppress(OSError):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, contextlib.suppress(OSError):
+            sender.settimeout(0.0 if states == (ALIVE,) else ROOM_S)
             sender.sendto("\n".join(states).encode(), address)
