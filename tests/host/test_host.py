@@ -19,6 +19,9 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.surfaces.host.keeper import RobotStatus
+from strands_actors.surfaces.host.messages import Verb
+from strands_actors.surfaces.host.orders import order
 from tests.answers import json_of, state, until, why
 from tests.cli.command import PATIENCE_S, Command, RobotProcess
 
@@ -63,10 +66,8 @@ class HostProcess:
         assert self.process.stdout is not None
         return dict(json.loads(self.process.stdout.readline()))
 
-    def robots(self) -> dict[str, dict[str, Any]]:
-        done = self.cli.run("status", "--json")
-        assert done.returncode in (0, 1), done.stderr
-        return {robot["name"]: robot for robot in json.loads(done.stdout)["robots"]}
+    def robots(self) -> dict[str, RobotStatus]:
+        return {robot.name: robot for robot in order(Verb.STATUS).robots}
 
     def end(self) -> None:
         self.process.kill()
@@ -137,8 +138,8 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
         assert [process["pid"] for process in tree["processes"] if process["role"] == "host"] == [began["pid"]]
         assert f"left in process {script.pid}" in str(Robot("left", attach=True).connect_eagerly())
         script.kill()
-    until(lambda: host.robots()["left"]["state"] == "holding", "the robot holds")
-    assert host.robots()["left"]["holder"] == ""
+    until(lambda: host.robots()["left"].state == "holding", "the robot holds")
+    assert host.robots()["left"].holder == ""
 
     # Another one takes over. It has the usual verbs, and its end leaves the robot stopped, and up.
     arm = attached("left")
@@ -152,16 +153,17 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
     assert after is not None
     assert [process["pid"] for process in after["processes"] if process["role"] == "root"] == roots
     tree_after.cleanup()
-    assert host.robots()["left"]["state"] == "disarmed"
+    shown = host.cli.run("status")
+    assert shown.returncode == 1
+    assert "left    so101     disarmed" in shown.stdout
 
     # A reload restarts only what changed.
-    right_starts = host.robots()["right"]["starts"]
+    right_starts = host.robots()["right"].starts
     host.file.write_text(FLEET.replace('type = "so101"', 'type = "so100"', 1))
-    answer = host.cli.json("reload")
-    assert answer["changed"] == ["broken", "left"]
+    assert order(Verb.RELOAD).changed == ["broken", "left"]
     now = host.robots()
-    assert {name: robot["type"] for name, robot in now.items()} == {"left": "so100", "right": "so101"}
-    assert now["right"]["starts"] == right_starts
+    assert {name: robot.type for name, robot in now.items()} == {"left": "so100", "right": "so101"}
+    assert now["right"].starts == right_starts
     host.file.write_text(FLEET + "[robot.third]\ntype = 'nothing'\n")
     refused = host.cli.run("reload", "--json")
     assert refused.returncode == 2
@@ -190,7 +192,7 @@ def test_a_broken_host_leaves_its_robots_safe_and_they_come_back_disarmed(
         host.start(FLEET)
     else:
         os.kill(pid, signal.SIGCONT)
-    until(lambda: host.robots().get("left", {}).get("state") == "disarmed", "the robot is back, disarmed")
+    until(lambda: host.robots()["left"].state == "disarmed", "the robot is back, disarmed")
     assert arm.connect_eagerly() is None, "the same handle attaches again"
     assert state(arm) == "armed"
     arm.cleanup()
