@@ -50,6 +50,7 @@ def told(tool: FleetTool, *calls: dict[str, Any]) -> list[dict[str, Any]]:
     return [turn[0] for turn in model.heard]
 
 
+@pytest.mark.long
 def test_a_task_needs_the_approval_that_the_robot_asks_for(tool: FleetTool) -> None:
     with Robot("so101", mode="real", transport="twin", id="left"):
         (refused,) = told(tool, RUN)
@@ -124,6 +125,7 @@ def test_the_description_is_plain_json() -> None:
     assert json.loads(json.dumps(spec()))["inputSchema"]["json"]["required"] == ["action"]
 
 
+@pytest.mark.long
 def test_an_mcp_client_reaches_all_robots(left: RealRobot, run_dir: Path) -> None:
     async def main() -> None:
         async with served(run_dir, robot="--all") as client:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
@@ -19,6 +20,7 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.surfaces.cameras import StaleFrame
 from strands_actors.surfaces.host.keeper import RobotStatus
 from strands_actors.surfaces.host.messages import Verb
 from strands_actors.surfaces.host.orders import order
@@ -32,6 +34,8 @@ metrics = false
 type = "so101"
 transport = "twin"
 on_exit = "limp"
+guarded = ["move_to"]
+cameras.eye = {type = "strands_actors.testing.still_camera:open_camera", fps = 5, width = 32, height = 24}
 [robot.right]
 type = "so101"
 transport = "twin"
@@ -109,6 +113,13 @@ def attached(name: str) -> RealRobot:
     return robot
 
 
+def has_picture(arm: RealRobot) -> bool:
+    try:
+        return arm.read_camera("eye").image.shape == (24, 32, 3)
+    except StaleFrame:
+        return False
+
+
 def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path) -> None:
     with systemd(run_dir / "notify") as states:
         host.cli.environment |= {"NOTIFY_SOCKET": str(run_dir / "notify"), "WATCHDOG_USEC": "10000000"}
@@ -146,6 +157,9 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
     assert state(arm) == "holding"
     assert json_of(arm.move_to({"shoulder_pan": 8.0}, seconds=0.3))["commanded"]
     assert json_of(arm.run("mock", seconds=0.3))["exit_reason"] == "duration"
+    until(lambda: has_picture(arm), "the host's camera can be read")
+    move = {"action": "move_to", "targets": {"shoulder_pan": 5.0}}
+    assert "needs an operator's approval" in why(asyncio.run(arm.use_tool(move, "agent"))), "the file guards it"
     assert arm.stop()["status"] == "success"
     assert arm.cleanup()["status"] == "success"
     tree_after = attached("left")
@@ -167,7 +181,7 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
     host.file.write_text(FLEET + "[robot.third]\ntype = 'nothing'\n")
     refused = host.cli.run("reload", "--json")
     assert refused.returncode == 2
-    assert json.loads(refused.stdout)["faults"][0]["line"] == 13
+    assert json.loads(refused.stdout)["faults"][0]["line"] == 15
     assert host.robots().keys() == {"left", "right"}, "a bad file changes nothing"
 
     assert host.cli.json("down")["down"] == ["left", "right"]
@@ -176,7 +190,7 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
         Robot("left", attach=True)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_broken_host_leaves_its_robots_safe_and_they_come_back_disarmed(
     host: HostProcess, fault: signal.Signals
@@ -198,6 +212,7 @@ def test_a_broken_host_leaves_its_robots_safe_and_they_come_back_disarmed(
     arm.cleanup()
 
 
+@pytest.mark.long
 def test_the_robot_of_a_script_is_not_shared(run_dir: Path) -> None:
     with RobotProcess(Command(run_dir)), pytest.raises(ConnectionError, match="so101 was started by a script"):
         Robot("so101", attach=True)

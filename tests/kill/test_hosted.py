@@ -27,7 +27,7 @@ CELLS = [
 ]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize(("victim", "fault"), CELLS)
 def test_saf_003_a_process_of_a_hosted_robot_fails_and_the_wire_is_safe(
     victim: Victims, fault: Faults, bench_of: BenchOf
