@@ -23,10 +23,10 @@ class AttachedPlan(NamedTuple):
 
     Attributes:
         plan: The robot.
-        arm: False if the file says that a connect energises nothing.
+        arm: False if a connect energises nothing, by the file.
         guarded: Verbs and keys that need approval, in addition to the driver's.
-        approve: ``module:function`` that gives the approval; empty if the file names none.
-        approve_within_s: Longest time of an approval; None if the file has none.
+        approve: ``module:function`` that gives the approval; empty if it is not in the file.
+        approve_within_s: Longest time of an approval; None if it is not in the file.
     """
 
     plan: Plan
