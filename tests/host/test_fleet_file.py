@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from strands_actors.surfaces.host.fleet_file import METRICS, BadFleet, read_fleet
+from strands_actors.surfaces.host.fleet import METRICS, BadFleet
+from strands_actors.surfaces.host.fleet_file import read_fleet
 from strands_actors.surfaces.host.toml_lines import lines_of
 
 GOOD = """

@@ -11,7 +11,8 @@ import msgspec
 import trio
 
 from strands_actors.kernel.processes.identity import take_name
-from strands_actors.surfaces.host.fleet_file import BadFleet, Fleet, read_fleet
+from strands_actors.surfaces.host.fleet import BadFleet, Fleet
+from strands_actors.surfaces.host.fleet_file import read_fleet
 from strands_actors.surfaces.host.host import AnotherHost, keep_robots, only_host
 from strands_actors.surfaces.host.keeper import Phase, RobotStatus
 from strands_actors.surfaces.host.messages import HostStatus, Verb

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
-from strands_actors.surfaces.host.fleet_file import BadFleet, read_fleet
+from strands_actors.surfaces.host.fleet import BadFleet
+from strands_actors.surfaces.host.fleet_file import read_fleet
 from strands_actors.surfaces.host.install import RUN_DIRECTORY, File, next_steps, rules, unit
 
 from .errors import Problem

@@ -22,7 +22,8 @@ from strands_actors.caller.processes.run_directory import LockFile, try_lock
 from strands_actors.caller.session.portal import open_caller
 
 from .adapters import Adapters, adapters_file
-from .fleet_file import BadFleet, Fleet, RobotSpec, read_fleet
+from .fleet import BadFleet, Fleet, RobotSpec
+from .fleet_file import read_fleet
 from .keeper import Ground, Keeper, Phase, RobotStatus
 from .messages import LINE_BYTES, FaultOf, HostStatus, Order, Verb, lock_path, socket_path
 from .metrics_child import MetricsChild

@@ -17,7 +17,7 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.node import Node
 
 from .adapters import Adapters
-from .fleet_file import RobotSpec
+from .fleet import RobotSpec
 
 PAUSES_S = (0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
 """Pauses before the next attempts to start a robot. The last one is repeated."""

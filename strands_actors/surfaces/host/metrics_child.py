@@ -7,7 +7,7 @@ import trio
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 ENTRY = "strands_actors.surfaces.host.metrics_process:main"
-PAUSE_S = 10.0
+PAUSE_S = 60.0
 """Pause before the process is started again."""
 LINE_BYTES = 4096
 
