@@ -23,7 +23,6 @@ from ..session.portal import open_caller
 from ..session.tree import RobotTree
 from . import envelopes as answers
 from . import moving, posing, running, verbs
-from .attaching import attachment
 from .envelopes import Answer
 from .progress import LOOK_S, Show
 from .verbs import answered
@@ -414,6 +413,8 @@ async def open_robot(
             await arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
     if attach:
+        from .attaching import attachment  # Only a handle of a host's robot needs this import.
+
         given = keywords if mode == "sim" else {"mode": mode, **keywords}
         robot_plan, approval, arm = await attachment(name, given, arm, approve, guarded, approve_within_s)
     else:

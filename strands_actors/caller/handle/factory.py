@@ -14,8 +14,6 @@ from strands_actors.surfaces.agents.approval import APPROVE_S, Approve, approval
 
 from ..processes.twin_process import SIM
 from ..resolve.planning import plan
-from ..session.portal import portal
-from .attaching import attachment
 from .real_robot import RealRobot
 from .sim_robot import SimRobot
 
@@ -149,6 +147,10 @@ def Robot(
             raise TypeError(
                 f"Robot: attach is {attach!r}. Give True for a robot that a host keeps, or leave it out"
             )
+        # Only a handle of a host's robot needs these imports.
+        from ..session.portal import portal
+        from .attaching import attachment
+
         given = _given({"mode": mode, **keywords})
         parts = portal().call(attachment, name, given, arm, approve, guarded, approve_within_s)
         return RealRobot(*parts)

@@ -71,7 +71,7 @@ class Adapters:
         """
         expected = declared or self._serials.get(robot, "")
         adapters = self._look() if expected else []
-        here = _at(port, adapters)
+        here = _adapter_at(port, adapters)
         if not expected or (here is None and not declared) or (here is not None and here.serial == expected):
             return ""
         own = next((adapter.device for adapter in adapters if adapter.serial == expected), "")
@@ -88,12 +88,12 @@ class Adapters:
         owner = next(
             (name for name, serial in self._serials.items() if serial == here.serial and name != robot), ""
         )
-        whose = f", which belongs to {owner}" if owner else ""
-        return f"{port} is another adapter ({here.serial}{whose}): two cables may be swapped. {where}. {remedy}"
+        of_other = f", which belongs to {owner}" if owner else ""
+        return f"{port} is another adapter ({here.serial}{of_other}): two cables may be swapped. {where}. {remedy}"
 
     def remember(self, robot: str, port: str) -> None:
         """Note the adapter with which a robot was opened."""
-        here = _at(port, self._look()) if os.path.isabs(port) else None
+        here = _adapter_at(port, self._look()) if os.path.isabs(port) else None
         if here is None or self._serials.get(robot) == here.serial:
             return
         self._serials[robot] = here.serial
@@ -119,6 +119,6 @@ class Adapters:
             return {}
 
 
-def _at(port: str, adapters: Iterable[Adapter]) -> Adapter | None:
+def _adapter_at(port: str, adapters: Iterable[Adapter]) -> Adapter | None:
     device = os.path.realpath(port)
     return next((adapter for adapter in adapters if adapter.device == device), None)

@@ -288,6 +288,6 @@ def _is_importable(value: Any) -> bool:
         return False
 
 
-def _hint(key: str, known: tuple[str, ...]) -> str:
-    close = closest(key, known)
+def _hint(key: str, names: tuple[str, ...]) -> str:
+    close = closest(key, names)
     return f" ({close[0]!r}?)" if close else ""

@@ -153,9 +153,9 @@ class Host:
                 return msgspec.structs.replace(status, faults=[FaultOf(*fault) for fault in bad.faults])
             self._notifier.send(RELOADING)
             before, self._fleet = self._fleet, fleet
-            gone = [name for name, spec in before.robots.items() if fleet.robots.get(name) != spec]
+            removed = [name for name, spec in before.robots.items() if fleet.robots.get(name) != spec]
             new = [name for name, spec in fleet.robots.items() if before.robots.get(name) != spec]
-            await self._stop(gone)
+            await self._stop(removed)
             for name in new:
                 self._start(fleet.robots[name])
             for name, (keeper, _) in self._kept.items():
@@ -166,7 +166,7 @@ class Host:
             for name in new:
                 await self._kept[name][0].settled.wait()
             self._notifier.send(READY, await self._line())
-            return msgspec.structs.replace(await self.status(), changed=sorted({*gone, *new}))
+            return msgspec.structs.replace(await self.status(), changed=sorted({*removed, *new}))
 
     # -- status
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import msgspec
 import trio
 
+from strands_actors.caller.handle import envelopes as answers
 from strands_actors.caller.processes.nodes import Entrance
 from strands_actors.caller.resolve.planning import completed
 from strands_actors.caller.session.tree import RobotTree
@@ -173,7 +174,7 @@ class Keeper:
         """Make the robot safe, and end its processes."""
         tree, self._tree = self._tree, None
         if tree is not None:
-            await tree.cleanup()
+            answers.warn_unless_safe(tree.robot, answers.stop_result("cleanup", await tree.cleanup()))
 
     async def _wait(self, reason: str, pause_s: float) -> None:
         if reason != self._reason:
@@ -200,7 +201,7 @@ class Keeper:
         """Return the status. The gate is asked, and never the wire."""
         tree = self._tree
         waits_s = self._retry_at - trio.current_time() if self._phase is Phase.WAITING else 0.0
-        known = RobotStatus(
+        own = RobotStatus(
             self.spec.name,
             self.spec.type,
             self._phase,
@@ -212,10 +213,10 @@ class Keeper:
         )
         status = None if tree is None or self._phase is not Phase.UP else await tree.status()
         if status is None:
-            return known
+            return own
         return msgspec.structs.replace(
-            known,
-            reason=known.reason or status.connect_error,
+            own,
+            reason=own.reason or status.connect_error,
             state=str(status.mode),
             holder=status.holder,
             locked_by=status.locked_by,
