@@ -1292,8 +1292,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedBooster: ...
 @overload
 def Robot(
@@ -1303,8 +1303,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
 @overload
 def Robot(
@@ -1314,8 +1314,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedDynamixel: ...
 @overload
 def Robot(
@@ -1325,8 +1325,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedEarthRover: ...
 @overload
 def Robot(
@@ -1336,8 +1336,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedFeetech: ...
 @overload
 def Robot(
@@ -1347,8 +1347,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedFranka: ...
 @overload
 def Robot(
@@ -1358,8 +1358,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedG1: ...
 @overload
 def Robot(
@@ -1369,8 +1369,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedGo2: ...
 @overload
 def Robot(
@@ -1380,8 +1380,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedKinova: ...
 @overload
 def Robot(
@@ -1391,8 +1391,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedKuka: ...
 @overload
 def Robot(
@@ -1402,8 +1402,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
 @overload
 def Robot(
@@ -1413,8 +1413,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedRBY1: ...
 @overload
 def Robot(
@@ -1424,8 +1424,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedReachy: ...
 @overload
 def Robot(
@@ -1435,8 +1435,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedRobotiq: ...
 @overload
 def Robot(
@@ -1446,8 +1446,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedSpot: ...
 @overload
 def Robot(
@@ -1457,8 +1457,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
 @overload
 def Robot(
@@ -1468,8 +1468,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedUR: ...
 @overload
 def Robot(
@@ -1479,8 +1479,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedXArm: ...
 @overload
 def Robot(
@@ -1490,8 +1490,9 @@ def Robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedYahboomM3Pro: ...
 @overload
 def Robot(
@@ -1501,8 +1502,8 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimRobot: ...
 @overload
 def Robot(
@@ -1766,8 +1767,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
 @overload
 def open_robot(
@@ -1777,8 +1778,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
 @overload
 def open_robot(
@@ -1788,8 +1789,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedDynamixel]: ...
 @overload
 def open_robot(
@@ -1799,8 +1800,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
 def open_robot(
@@ -1810,8 +1811,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFeetech]: ...
 @overload
 def open_robot(
@@ -1821,8 +1822,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
 @overload
 def open_robot(
@@ -1832,8 +1833,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedG1]: ...
 @overload
 def open_robot(
@@ -1843,8 +1844,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
 def open_robot(
@@ -1854,8 +1855,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
 @overload
 def open_robot(
@@ -1865,8 +1866,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKuka]: ...
 @overload
 def open_robot(
@@ -1876,8 +1877,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
 @overload
 def open_robot(
@@ -1887,8 +1888,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRBY1]: ...
 @overload
 def open_robot(
@@ -1898,8 +1899,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
 @overload
 def open_robot(
@@ -1909,8 +1910,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
 @overload
 def open_robot(
@@ -1920,8 +1921,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
 @overload
 def open_robot(
@@ -1931,8 +1932,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
 @overload
 def open_robot(
@@ -1942,8 +1943,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
 @overload
 def open_robot(
@@ -1953,8 +1954,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
 def open_robot(
@@ -1964,8 +1965,9 @@ def open_robot(
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
 def open_robot(
@@ -1975,8 +1977,8 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    onboard: str | os.PathLike[str] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...
 @overload
 def open_robot(

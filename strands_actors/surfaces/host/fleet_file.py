@@ -178,7 +178,7 @@ class _Reader:
 
     def _resolved(self, place: tuple[str, ...], key: str, value: Any) -> Any:
         """Return a value with its path relative to the file, or the mesh that it stands for."""
-        if key == "urdf_path" and isinstance(value, str):
+        if key in ("urdf_path", "onboard") and isinstance(value, str):
             return os.fspath(self._path.parent / Path(value).expanduser())
         if key != "mesh" or isinstance(value, bool):
             return value
