@@ -15,6 +15,7 @@
 ``record``, ``read``, ``replay``  record a robot, read a recording, repeat its decisions from the recorded inputs
 ``record_dataset``, ``replay_episode``  episodes in LeRobot's format
 ``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh (the network between robots)
+``fleet``             a tool for an agent, for all robots of the mesh
 ``list_robots``, ``list_driver_coverage``  names of robots, and the drivers that exist for each
 
 A name is loaded at its first use. If a function needs a package that is not installed, calling it
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
         register_robot,
     )
     from .policies import MockPolicy, Policy, create_policy, register_policy
+    from .surfaces.agents.fleet import fleet
     from .surfaces.dataset import record_dataset, replay_episode
     from .surfaces.mesh import (
         TLS,
@@ -66,6 +68,7 @@ _MODULES = {
         "register_robot",
     ),
     "caller.handle.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
+    "surfaces.agents.fleet": ("fleet",),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.dataset": ("record_dataset", "replay_episode"),
     "surfaces.mesh": (
@@ -104,6 +107,7 @@ __all__ = [
     "create_policy",
     "estop",
     "estop_button",
+    "fleet",
     "get_peers",
     "list_driver_coverage",
     "list_native_drivers",

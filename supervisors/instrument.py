@@ -168,6 +168,8 @@ class Journal:
         self._remember = remember
         self._lines: deque[_Line] = deque()
         self._missing = 0
+        self.gaps: list[int] = []
+        """Number of missing events of each gap that is not reported yet."""
         self.hurry = trio.Event()
         """Set when an event must be sent at once."""
 
@@ -234,6 +236,7 @@ class Journal:
                 if not self._missing:
                     break
                 self._lines.append((Kind.GAP, "", now_ns, self._missing, "", None))
+                self.gaps.append(self._missing)
                 self._missing = 0
                 self.begin(now_ns)
             line = encode(self._lines[0])
@@ -280,6 +283,7 @@ class InstrumentKeeper(Actor):
         attached: The reply to the recorder, with the description of the robot.
         remember: Returns the present memory of each actor (see ``Journal``).
         dull: Types of messages that are not recorded.
+        on_gap: Called with the number of missing events of each gap in a recording.
     """
 
     def __init__(
@@ -288,7 +292,9 @@ class InstrumentKeeper(Actor):
         attached: Attached,
         remember: Callable[[], Iterable[tuple[str, int, object]]] = tuple,
         dull: frozenset[type] = frozenset(),
+        on_gap: Callable[[int], None] = lambda _: None,
     ) -> None:
+        self._on_gap = on_gap
         self._names = names
         self._attached = attached
         self._remember = remember
@@ -384,6 +390,8 @@ class InstrumentKeeper(Actor):
             batch, session.unsent = session.unsent, None
             if batch is None:
                 entries = session.journal.take(now_ns)
+                while session.journal.gaps:
+                    self._on_gap(session.journal.gaps.pop())
                 if not entries and now_ns - session.sent_ns < KEEPALIVE_S * NS:
                     return
                 batch = Batch(session.id, session.sent + 1, entries)

@@ -5,6 +5,7 @@
     policy process                         the messages of a policy run (the process runs user code)
     caller (the user's script)             all orders of an operator; its session needs a secret
     visitor (a program of the same user)   questions, stops and resumes, but no motion
+    attached program (of the same user)    orders of an operator, to a robot that a host keeps
     other host                             questions to the gateway, and stops
 
 The root knows which process is at the other end of a link, since it has started that process. The wire process has
@@ -30,7 +31,15 @@ from strands_actors.supervisors.gate.messages import (
     Setpoint,
     Stop,
 )
-from strands_actors.supervisors.root.messages import Describe, EpisodeKey, EpisodeState, Fence, TaskStatus
+from strands_actors.supervisors.root.messages import (
+    AttachProgram,
+    Describe,
+    EpisodeKey,
+    EpisodeState,
+    Fence,
+    GetState,
+    TaskStatus,
+)
 
 from . import addresses
 from .mesh.gateway_messages import Dated, Sync
@@ -93,7 +102,7 @@ def of_caller(robot: str, node: str) -> Channel:
     needs a secret. ``node`` is the script's address. A policy object may run in the script."""
     actors = addresses.of(robot)
     tells: dict[str, MessageTypes] = dict.fromkeys((actors.root, actors.tasks))
-    tells |= {actors.gate: COMMANDS, actors.guardian: frozenset({Fence})}
+    tells |= {actors.gate: COMMANDS, actors.guardian: frozenset({Fence, GetState})}
     return Channel("", frozenset({actors.policy}), node, tells | _inside(robot))
 
 
@@ -109,6 +118,25 @@ def of_user(robot: str) -> Channel:
     # The recorder reports the progress of an episode.
     tells[actors.tasks] = frozenset({EpisodeState})
     return Channel("a visitor", tells=tells | _inside(robot))
+
+
+def of_attached(robot: str) -> Channel:
+    """Return the permissions of the programs of the same user at the sockets of a robot that a host keeps. They may
+    use any name. They may command the robot, under a lease, and run policies. They cannot end the robot's
+    processes."""
+    actors = addresses.of(robot)
+    tells: dict[str, MessageTypes] = {
+        actors.gate: COMMANDS,
+        actors.guardian: frozenset({Fence}),
+        actors.root: frozenset({Describe, AttachProgram}),
+        actors.tasks: None,
+    }
+    return Channel("", tells=tells | _inside(robot))
+
+
+def of_guests(robot: str, is_hosted: bool) -> Channel:
+    """Return the permissions of other programs of the same user, at the sockets in the run directory."""
+    return of_attached(robot) if is_hosted else of_user(robot)
 
 
 def of_visitors(robot: str, process: str) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-PROGRAMS = {"Node.js": "node"}
+PROGRAMS = {"Node.js": "node", "systemd": "systemd-analyze"}
 """Name of the program: its command."""
 LIST = "left_out"
 

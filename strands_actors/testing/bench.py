@@ -26,9 +26,10 @@ from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.supervisors.introspection import ALLOW_FAULTS
 
 from .faults import Victims
+from .hosted import HostedRobot, HostFailed
 from .queueing import Queue
 from .recorder_process import RecorderProcess
-from .registering import LOWERING, class_of, class_path_of, column, end_of
+from .registering import HOSTED, LOWERING, class_of, class_path_of, column, end_of
 from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
@@ -191,6 +192,9 @@ class Bench:
 
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
         self.robot, class_path = column(robot)
+        self.hosted = robot.endswith(HOSTED)
+        """True if a host keeps the robot, and the caller attaches itself to it."""
+        self._host: HostedRobot | None = None
         self._driver_class = driver_class or class_of(class_path)
         self.driver = driver_of(robot, self._driver_class)
         self._options = end_of(self.robot, type(self.driver), lowered=robot.endswith(LOWERING))
@@ -223,6 +227,9 @@ class Bench:
         if self._caller is not None:
             self._caller.end()
             self._caller = None
+        if self._host is not None:
+            self._host.end()
+            self._host = None
 
     def moving(self, motion: str, extras: frozenset[str] = frozenset()) -> Caller:
         """Return a caller that moves its robot. It is the present caller or a new one.
@@ -251,6 +258,14 @@ class Bench:
                 pass
         self.drop()
         self._wait_for_silence()
+        if self.hosted:
+            cameras = {"eye": SETTINGS} if CAMERA in extras else {}
+            try:
+                self._host = HostedRobot(
+                    self._directory, self._environment, self.robot, self.twin.port, self._options, cameras
+                )
+            except HostFailed as failed:
+                raise NotMoving(str(failed)) from None
         os.truncate(self.log.path, 0)
         caller = self._caller = Caller(self._directory, self.template, self._settings(motion, extras), extras)
         caller.forget_trigger()
@@ -276,18 +291,22 @@ class Bench:
     def _class_path(self) -> str:
         return "" if self._driver_class is None else class_path_of(self._driver_class)
 
-    def _make_template(self) -> Template:
-        theirs = environment(
+    @property
+    def _environment(self) -> Mapping[str, str]:
+        return environment(
             STRANDS_ACTORS_RUN=str(self._directory / "run"),
             STRANDS_ACTORS_DATA=str(self._directory / "data"),
             **{ALLOW_FAULTS: "1"},
         )
-        return Template(theirs, self.robot, self._class_path, self._directory / "template.err")
+
+    def _make_template(self) -> Template:
+        return Template(self._environment, self.robot, self._class_path, self._directory / "template.err")
 
     def _settings(self, motion: str, extras: frozenset[str]) -> dict[str, Any]:
         return {
             "robot": self.robot,
             "port": self.twin.port,
+            "attach": self.hosted,
             "driver": self._class_path,
             "options": self._options,
             "motion": motion,

@@ -3,6 +3,7 @@
 The settings of ``main`` are:
 
 * ``robot``, ``port``, ``cameras`` and further ``options`` of the robot.
+* ``attach``: True if a host keeps the robot. The script then attaches itself to it.
 * ``driver``: ``module:Class``, or empty.
 * ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it),
   ``rollout`` (a policy in this process) or ``raise`` (the script raises the arm, and holds it there).
@@ -23,6 +24,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import sys
 import threading
@@ -60,12 +62,17 @@ class Caller:
             register(settings["driver"], settings["robot"])
         self._far = float(settings["far"])
         self._trigger: str = settings["trigger"]
-        self.robot: Any = Robot(
-            settings["robot"],
-            mode="real",
-            port=settings["port"],
-            cameras=settings["cameras"] or None,
-            **settings["options"],
+        self._attached: bool = settings["attach"]
+        self.robot: Any = (
+            Robot(settings["robot"], attach=True)
+            if self._attached
+            else Robot(
+                settings["robot"],
+                mode="real",
+                port=settings["port"],
+                cameras=settings["cameras"] or None,
+                **settings["options"],
+            )
         )
         problem: str | None = "never tried"
         # If the simulated robot waits for a processor of a busy computer, it looks silent. So connecting is tried
@@ -89,7 +96,7 @@ class Caller:
         self._loops = motion == "loop"
         if motion == "raise":
             self._raise()
-            print(json.dumps(self.robot.tree()), flush=True)
+            self._print_tree()
             return
         problem = "the robot has no joint"
         observation = self.robot.get_observation()
@@ -98,11 +105,18 @@ class Caller:
             self._joint, self._start = joint, position
             problem = self._move(motion)
             if not problem:
-                print(json.dumps(self.robot.tree()), flush=True)
+                self._print_tree()
                 return
             # A robot that has fallen may have some joints at their end stops. At least one joint can still move.
             self.resume()
         raise SystemExit(problem)
+
+    def _print_tree(self) -> None:
+        """Print the robot's processes. The tree of a robot that a host keeps does not have the script."""
+        tree = self.robot.tree()
+        if self._attached:
+            tree["processes"].append({"role": "caller", "pid": os.getpid(), "restarts": 0})
+        print(json.dumps(tree), flush=True)
 
     def _raise(self) -> None:
         """Raise the arm, and wait until it stands. Raise ``SystemExit`` if it is refused."""
@@ -179,7 +193,7 @@ class Caller:
             case ["again", motion]:
                 self.again(motion)
             case ["tree"]:
-                print(json.dumps(self.robot.tree()), flush=True)
+                self._print_tree()
             case ["stop"]:
                 at_ns = time.monotonic_ns()
                 answer = self.robot.stop()

@@ -260,7 +260,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     since_ns = died_ns[0] if ended_by_itself else began_ns
     exit_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
     require_motion(bench.log, began_ns)
-    expected = expected_of(bench.driver, cell)
+    expected = expected_of(bench.driver, cell, bench.hosted)
     return with_story(read(bench.log, expected, began_ns, since_ns, exit_ms, waited_ms), bench.log, began_ns)
 
 
@@ -268,7 +268,7 @@ async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: f
     pid = caller.pid(cell.victim)
     queue = bench.queue(caller, pid)
     broken_ns = await inflict(caller, cell, pid)
-    expected = expected_of(bench.driver, cell)
+    expected = expected_of(bench.driver, cell, bench.hosted)
     outcome = await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
     with contextlib.suppress(ProcessLookupError):
         os.kill(pid, signal.SIGCONT)
@@ -368,7 +368,9 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
     require_motion(bench.log, broken_ns)
-    outcome = read_robot(bench.log, cell, expected_of(bench.driver, cell), broken_ns, since_ns, waited_ms)
+    outcome = read_robot(
+        bench.log, cell, expected_of(bench.driver, cell, bench.hosted), broken_ns, since_ns, waited_ms
+    )
     return with_story(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
@@ -467,9 +469,9 @@ class Expected(NamedTuple):
     bound_ms: float
 
 
-def expected_of(driver: Driver, cell: Cell) -> Expected:
+def expected_of(driver: Driver, cell: Cell, hosted: bool = False) -> Expected:
     """Return the safe states that the log may show after a fault, and the longest time until the first of them."""
-    safe_states = expected_safe_states(driver, cell.victim, cell.fault)
+    safe_states = expected_safe_states(driver, cell.victim, cell.fault, hosted)
     return Expected(cell.victim, cell.fault, safe_states, bound_s(driver, cell.victim, cell.fault) * 1e3)
 
 

@@ -15,6 +15,7 @@ Every combination of victim and fault exists. A combination that makes no sense 
 from __future__ import annotations
 
 import enum
+import math
 import signal
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ class Victims(enum.StrEnum):
     """
 
     CALLER = "caller"  # the user's script
+    HOST = "host"  # the host that keeps the robot for scripts; only in the columns of hosted robots
     POLICY = "policy"
     WIRE = "wire"
     ROOT = "root"
@@ -67,7 +69,7 @@ SIGNALS = {
     Faults.INTERRUPT: signal.SIGINT,
 }
 
-PROCESSES = (Victims.CALLER, Victims.POLICY, Victims.WIRE, Victims.ROOT)
+PROCESSES = (Victims.CALLER, Victims.HOST, Victims.POLICY, Victims.WIRE, Victims.ROOT)
 PROCESS_FAULTS = (*SIGNALS, Faults.SPIN, Faults.EXCEPTION, Faults.EXIT)
 ROBOT_FAULTS = (
     Faults.FREEZE,
@@ -83,6 +85,8 @@ ROBOT_FAULTS = (
 )
 LIVING = (Faults.FREEZE, Faults.SPIN)
 """Faults that leave the process running."""
+HOST_FAULTS = (Faults.KILL, Faults.FREEZE)
+"""A host that spins harms no robot: their processes do not depend on it."""
 BYSTANDER_FAULTS = (Faults.KILL, Faults.FREEZE)
 """A bystander runs no code that could be ordered to fail in another way."""
 STARTED_AGAIN = ("standby", "recorder")
@@ -150,7 +154,7 @@ def spoils(victim: str, fault: str) -> bool:
     """Return True if the processes of the robot cannot be used for another trial after this fault."""
     if is_bystander(victim):
         return fault == Faults.KILL and victim not in STARTED_AGAIN
-    return victim == Victims.CALLER
+    return victim in (Victims.CALLER, Victims.HOST)
 
 
 def victim_named(role: str) -> str:
@@ -164,10 +168,11 @@ def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
     Args:
         driver: The driver of the robot.
         roles: The roles of the robot's processes (``bench.roles_of``). The roles in ``Victims`` are always
-            included.
+            included, except the host, which only a hosted robot has.
     """
+    roles = tuple(roles)
     bystanders = [role for role in dict.fromkeys(roles) if is_bystander(role)]
-    for victim in (*Victims, *bystanders):
+    for victim in (*(each for each in Victims if each is not Victims.HOST or each in roles), *bystanders):
         for fault in Faults:
             why_not = _why_not(driver, victim, fault)
             yield Cell(victim, fault, why_not, () if why_not else proves(victim, fault))
@@ -182,6 +187,8 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
         return "" if fault in ROBOT_FAULTS else "a real robot is not a process and cannot have such a fault"
     if fault not in PROCESS_FAULTS:
         return "only the robot itself can have such a fault"
+    if victim is Victims.HOST and fault not in HOST_FAULTS:
+        return "the robot's processes depend only on the host's life, and not on its work"
     if victim is Victims.POLICY and (driver.ROLLOUTS or driver.TASKS):
         return driver.ROLLOUTS or driver.TASKS
     return ""
@@ -203,7 +210,7 @@ def proves(victim: str, fault: Faults) -> tuple[str, ...]:
         ids += ["SAF-001"] if fault in LIVING else []
     if victim is Victims.WIRE:
         ids.append("SAF-008")
-    if victim is Victims.CALLER and fault not in LIVING:
+    if victim in (Victims.CALLER, Victims.HOST) and fault not in LIVING:
         ids.append("SAF-015")
     return tuple(sorted(ids))
 
@@ -227,21 +234,34 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
     heartbeat_ttl_s = timing.heartbeat_ttl_s
     # A command without an end is valid as long as its lease.
     caller_s = timing.oneshot_ttl_s or LEASE_TTL_S
-    lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": heartbeat_ttl_s, "root": heartbeat_ttl_s}
+    lapses_s = {
+        "caller": caller_s,
+        "host": math.inf,
+        "policy": timing.stream_ttl_s,
+        "wire": heartbeat_ttl_s,
+        "root": heartbeat_ttl_s,
+    }
     lapse_s = lapses_s[victim]
-    if fault == Faults.FREEZE and victim in (Victims.CALLER, Victims.POLICY):
+    if fault == Faults.FREEZE and victim in (Victims.CALLER, Victims.HOST, Victims.POLICY):
         lapse_s = min(lapse_s, noticed_s(timing))
     return lapse_s + driver.bound_s
 
 
-def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, ...]:
+def expected_safe_states(driver: Driver, victim: str, fault: str, hosted: bool = False) -> tuple[str, ...]:
     """Return the safe states of which the robot must receive one.
 
     The driver declares them: for the reason that the fault leads to, or for a stop if the victim is a bystander.
+
+    Args:
+        driver: The driver of the robot.
+        victim: The role of a process, or ``Victims.TWIN``.
+        fault: The fault.
+        hosted: True if a host keeps the robot. The robot's processes then outlive the caller.
     """
     living = fault in LIVING
     reasons = {
-        "caller": Reason.LEASE if living else Reason.CALLER,
+        "caller": Reason.LEASE if living or hosted else Reason.CALLER,
+        "host": Reason.CALLER,
         "policy": Reason.EXPIRED if living else Reason.POLICY,
         "wire": Reason.WIRE,
         "root": Reason.ROOT,

@@ -11,6 +11,9 @@ from strands_actors.drivers import get_native_driver_class, register_native_driv
 LOWERING = ":lowering"
 """The end of the name of a column in which an arm is broken while it is lowered."""
 
+HOSTED = ":hosted"
+"""The end of the name of a column in which a host keeps the robot, and the caller attaches itself."""
+
 
 def class_path_of(driver_class: type[Driver]) -> str:
     """Return the ``module:Class`` of a driver class, by which another process can load it."""
@@ -36,12 +39,13 @@ def column(name: str, class_path: str = "") -> tuple[str, str]:
     The second text is empty for the usual driver of the robot.
 
     The name of a column is that of a robot. It is ``robot:level`` if the robot can be commanded in two ways
-    (``Driver.LEVELS``), and ``robot:lowering`` for an arm that is lowered.
+    (``Driver.LEVELS``), ``robot:lowering`` for an arm that is lowered, and ``robot:hosted`` for a robot that a host
+    keeps (``strands-actors up``).
 
     Raises:
         ValueError: The robot has no such level.
     """
-    robot, _, level = name.removesuffix(LOWERING).partition(":")
+    robot, _, level = name.removesuffix(LOWERING).removesuffix(HOSTED).partition(":")
     if name.endswith(LOWERING) and not end_of(robot, get_native_driver_class(robot), lowered=True):
         raise ValueError(f"{robot} is not lowered: there is no column {name}")
     if not level or class_path:

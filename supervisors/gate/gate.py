@@ -53,6 +53,7 @@ from strands_actors.supervisors.gate.messages import (
     Stopped,
     StoppedAt,
     StopReport,
+    WriterEnded,
 )
 from strands_actors.supervisors.refusals import link_lost
 from strands_actors.supervisors.root.messages import Decided, StateIs
@@ -63,6 +64,7 @@ from . import failsafe, refusals
 from .admission import Admission, GateSnapshot
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
+from .intervals import Intervals
 from .lease import LEASE_TTL_NS, HeldLease, Leases
 from .memory import GateMemory, Waiting
 from .target_after_hold import target_after_hold
@@ -145,6 +147,7 @@ class Gate(Actor):
         self._last_refusal = ""
         self._refused: dict[str, int] = {}
         self._setpoints = 0
+        self._intervals = Intervals()
 
     async def started(self) -> None:
         transport, watchdog, guardian = self._addresses
@@ -162,6 +165,7 @@ class Gate(Actor):
         | Beat
         | Release
         | Stopped
+        | WriterEnded
         | GetObservation
         | GetSafety
         | GetStatus
@@ -208,6 +212,8 @@ class Gate(Actor):
                 self._leases.beat(message, self.context.received_ns)
             case Stopped():
                 self._writer_stopped(message.pid)
+            case WriterEnded():
+                self._writer_ended(message.pid)
             case Acquire():
                 return self._acquire(message)
             case Release():
@@ -271,6 +277,7 @@ class Gate(Actor):
             return admitted
         self._advance(Event.SETPOINT)
         self._setpoints += 1
+        self._intervals.note(message.lease, message.period_s > 0, now_ns)
         self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
         self._live = Live(admitted.until_ns or None)
@@ -402,6 +409,16 @@ class Gate(Actor):
             self._trip(Reason.LEASE, f"the process of {lease.owner.holder} is stopped")
         elif lease.pid == pid:
             self._trip(Reason.EXPIRED, f"the process of {lease.holder} is stopped")
+
+    def _writer_ended(self, pid: int) -> None:
+        """End the lease of an attached program that has ended, and that of its policy. If a setpoint is in force,
+        the robot goes to its safe state for a lost writer. Other programs may acquire the lease from now on."""
+        lease = self._leases.held
+        if lease is None or lease.owner.pid != pid:
+            return
+        self._leases.held = None
+        if self._live is not None:
+            self._trip(Reason.LEASE, f"the process of {lease.owner.holder} has ended")
 
     # -- checks when time passes
 
@@ -812,6 +829,8 @@ class Gate(Actor):
             self._cause.text or self._last_cause,
             dict(self._refused),
             self._setpoints,
+            tuple(self._intervals.counts),
+            self._intervals.total_s,
         )
 
     def _no_motion(self) -> Refused | None:

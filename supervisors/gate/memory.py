@@ -14,6 +14,7 @@ from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
 
 from . import failsafe
 from .cause import Cause
+from .intervals import Intervals
 from .lease import Leases
 
 
@@ -62,3 +63,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     ordered: SafeState = SafeState.HOLD
     refused: dict[str, int] = {}
     setpoints: int = 0
+    intervals: Intervals = msgspec.field(default_factory=Intervals)

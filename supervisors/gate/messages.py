@@ -87,6 +87,14 @@ class Stopped(Message, frozen=True):
     pid: int
 
 
+class WriterEnded(Message, frozen=True):
+    """The process of a program that had attached itself to the robot has ended. Its lease ends at once."""
+
+    lane = "urgent"
+
+    pid: int
+
+
 class Release(Message, frozen=True):
     """Release a lease, the right to write setpoints.
 
@@ -267,6 +275,9 @@ class Status(Message, frozen=True):
     last_stop_cause: str = ""  # why the robot last stopped or held, for people, also while it is armed again
     refused: dict[str, int] = msgspec.field(default_factory=dict)  # number of refused setpoints by code
     setpoints: int = 0  # number of accepted setpoints
+    # Number of intervals between the setpoints of streams, by bucket (``intervals.BOUNDS_S``), and their sum.
+    intervals: tuple[int, ...] = ()
+    intervals_s: float = 0.0
 
 
 BROUGHT = 0

@@ -47,6 +47,7 @@ class MeshService:
         rings: Returns the shared ring buffer of pictures of each camera. None for a robot without cameras.
         audit: Called with the sender, the command, the decision, and the route of the command.
         restarts: Returns how often each process of the robot was started again.
+        further_counts: Returns further counters for ``health``.
 
     Attributes:
         problem: Why the robot is not on the mesh; empty if it is. Valid once ``settled`` is set.
@@ -61,7 +62,9 @@ class MeshService:
         rings: Callable[[], Mapping[str, FrameRing]] | None = None,
         audit: Callable[[str, str, str, str], None] = lambda *_: None,
         restarts: Callable[[], Mapping[str, int]] = dict,
+        further_counts: Callable[[], Mapping[str, int]] = dict,
     ) -> None:
+        self._further_counts = further_counts
         self._restarts = restarts
         self._rings = rings
         self._audit = audit
@@ -132,7 +135,8 @@ class MeshService:
         deadlines = StopDeadlines.of(driver.timing.safe_s, driver.late_s)
 
         def counts() -> dict[str, int]:
-            return {"commands": shared.received, "commands_refused": answers.refused}
+            own = {"commands": shared.received, "commands_refused": answers.refused}
+            return {**own, **self._further_counts()}
 
         stops = [
             node.cell(actors.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),

@@ -205,6 +205,8 @@ class Telemetry(Actor):
                 "last_refusal": status.last_refusal,
                 "writes": status.writes,
                 "reads": status.reads,
+                "setpoint_intervals": status.intervals,
+                "setpoint_intervals_s": status.intervals_s,
             }
             if status.observation is not None and self._is_fresh(status):
                 health |= self._charge_and_heat(status.observation)

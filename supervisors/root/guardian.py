@@ -39,9 +39,11 @@ from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.messages import (
     Decided,
     Fence,
+    GetState,
     HandedOver,
     Handover,
     Happened,
+    RecorderGap,
     Renew,
     SilentUntil,
     StateIs,
@@ -90,6 +92,8 @@ class Guardian(Actor):
         safety_page: The shared page on which the standby reads if anything may be energised.
         on_decided: Called with each decision of the gate, for the audit.
         on_failed: Called after each attempt to stop the robot that was not confirmed.
+        on_suspended: Called with the id of a writer's process that the system has suspended (SIGSTOP).
+        on_gap: Called with the number of missing events of each gap in a recording of the wire process.
     """
 
     def __init__(
@@ -108,6 +112,8 @@ class Guardian(Actor):
         safety_page: SafetyPage | None = None,
         on_decided: Callable[[Decided], None] = lambda _: None,
         on_failed: Callable[[], None] = lambda: None,
+        on_suspended: Callable[[int], None] = lambda _: None,
+        on_gap: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -125,6 +131,8 @@ class Guardian(Actor):
         self._keeper = keeper
         self._on_decided = on_decided
         self._on_failed = on_failed
+        self._on_suspended = on_suspended
+        self._on_gap = on_gap
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.initial_operator, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -163,8 +171,8 @@ class Guardian(Actor):
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
-        self, message: Tick | SilentUntil | Renew | StateIs | Decided | Handover | Fence
-    ) -> HandedOver | StopReport | Refused | Deferred | None:
+        self, message: Tick | SilentUntil | Renew | StateIs | GetState | RecorderGap | Decided | Handover | Fence
+    ) -> HandedOver | StateIs | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
@@ -191,6 +199,10 @@ class Guardian(Actor):
                     self._keep_lock()
                     if self._on_state is not None:
                         self._on_state(message)
+            case GetState():
+                return self.state
+            case RecorderGap():
+                self._on_gap(message.missed)
             case Decided():
                 self._on_decided(message)
             case Handover():
@@ -235,6 +247,7 @@ class Guardian(Actor):
         self._lives = lives = {pid: life_of(pid) for pid in self._writers()}
         for pid in self.stopped_detector.look(lives):
             self._gate.tell(Stopped(pid))
+            self._on_suspended(pid)
         for pid, life in lives.items():
             if life.dying:
                 self._on_dying(pid)

@@ -50,6 +50,19 @@ class Decided(Message, frozen=True):
     over: str = ""
 
 
+class RecorderGap(Message, frozen=True):
+    """A recording of the wire process has a gap, because its recorder was too slow.
+
+    ``missed`` is the number of events that are missing.
+    """
+
+    missed: int
+
+
+class GetState(Message, frozen=True):
+    """Ask the guardian for the failsafe state. The host of a robot checks by the answer that the guardian runs."""
+
+
 class Handover(Message, frozen=True):
     """File descriptors for the stop channels of root and standby. ``again`` is True if they are only for a new
     standby."""
@@ -212,6 +225,23 @@ class TaskStatus(Message, frozen=True):
 
 class Describe(Message, frozen=True):
     channel: str = ""
+
+
+class AttachProgram(Message, frozen=True):
+    """Ask the root of a robot that a host keeps for everything that a program needs to command the robot.
+
+    Attributes:
+        pid: Id of the program's process on this host. When it ends or is suspended, its lease ends at once. 0: the
+            program only asks.
+    """
+
+    pid: int = 0
+
+
+class Hosted(Message, frozen=True):
+    """The answer to ``AttachProgram``: the settings that the host gives to a handle of the robot, as plain data."""
+
+    settings: dict[str, Any]
 
 
 class GetMesh(Message, frozen=True):

@@ -51,11 +51,13 @@ from strands_actors.supervisors.mesh.service import MeshService
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
+    AttachProgram,
     Describe,
     EpisodeState,
     GetMesh,
     GetTask,
     Happened,
+    Hosted,
     Introspection,
     OnMesh,
     ProcessInfo,
@@ -67,6 +69,7 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.wire.group import UNCONFIRMED, WireProcess
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .attached import AttachedPrograms
 from .audit import Audit
 from .camera_keeper import CameraKeeper
 from .guardian import Guardian
@@ -81,6 +84,9 @@ LAST_WORDS_S = 0.02
 """Time for the last messages to leave before the process exits."""
 ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
+HOST = "host"
+"""The role of a process that keeps robots for other programs (``strands-actors up``)."""
+
 _DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus, EpisodeState})
 
 
@@ -91,8 +97,11 @@ class Root(Actor):
         self._tree = tree
 
     def receive(
-        self, message: Describe | GetMesh | Shutdown
-    ) -> TreeReport | OnMesh | StopReport | Refused | Deferred | None:
+        self, message: Describe | GetMesh | AttachProgram | Shutdown
+    ) -> TreeReport | OnMesh | Hosted | StopReport | Refused | Deferred | None:
+        if isinstance(message, AttachProgram):
+            self._tree.attached.watch(message.pid)
+            return Hosted(self._tree.args["hosted"])
         deferred = self.context.defer()
         match message:
             case Describe():
@@ -172,6 +181,7 @@ class Tree:
         self.args = args
         self.actors = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
+        self.is_hosted = args.get("hosted") is not None
         run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # Accept messages of the wire's actors only on the link to the wire process. Do not look for these actors
@@ -205,6 +215,7 @@ class Tree:
             rings,
             self.audit.note,
             lambda: self.restarts,
+            lambda: self.recorder_gaps,
         )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.safety_page = SafetyPage(words)
@@ -234,11 +245,18 @@ class Tree:
             self.safety_page,
             lambda decided: self.audit.note(decided.sender, decided.order, decided.result, decided.over),
             RESERVE.end_if_short,
+            self._see_suspended,
+            self._note_gap,
+        )
+        self.attached = AttachedPrograms(
+            lambda: self.node.ref(self.actors.gate, Gate),
+            lambda run, pid: self._keep("the watch over an attached program", run, pid),
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
         RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
+        self.recorder_gaps = {"recorder_gaps": 0, "recorder_missed": 0}
         self._instrument: InstrumentKeeper | None = None  # the actor to which a recorder of this process connects
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -264,6 +282,7 @@ class Tree:
             "audited": bool(self.args["audit"]),
             "page": self.ahead.page,
             "label": self.args["label"],
+            "is_hosted": self.is_hosted,
         }
         self.wire = WireProcess(self.node, self.nursery, args, self.ahead.wire)
         self.standby.wire_started(self.wire.process)
@@ -278,15 +297,21 @@ class Tree:
     def writers(self) -> list[int]:
         """Return the ids of the processes that may have sent setpoints."""
         policy = self.tasks.process
-        return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
+        policies = () if policy is None else (policy.pid,)
+        return [self.args["caller_pid"], *policies, *self.attached.pids]
 
     def instrument_keeper(self) -> InstrumentKeeper:
         """Make the actor to which a recorder of the root's actors connects. Heartbeats are not recorded."""
         actors, driver = self.actors, self.driver
         names = {address: name_of(address) for address in (actors.guardian, actors.tasks, actors.root)}
         description = without_secrets(self.args["driver"], type(driver))
-        self._instrument = InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        attached = Attached(description, driver.axes, driver.unit)
+        self._instrument = InstrumentKeeper(names, attached, dull=_DULL, on_gap=self._note_gap)
         return self._instrument
+
+    def _note_gap(self, missed: int) -> None:
+        self.recorder_gaps["recorder_gaps"] += 1
+        self.recorder_gaps["recorder_missed"] += missed
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
@@ -384,7 +409,7 @@ class Tree:
         mesh.attach(self.node)
         await mesh.let_guests_in(
             [self.args["listen"]],
-            channels.of_user(self.robot),
+            channels.of_guests(self.robot, self.is_hosted),
             channels.of_visitors(self.robot, "root"),
             channels.shown(self.robot),
         )
@@ -401,8 +426,16 @@ class Tree:
         machine a killed process may wait tens of milliseconds for a processor before it exits."""
         if pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the caller was killed")
+        elif pid in self.attached.pids:
+            self.attached.end(pid)
         elif self.tasks.status.running:
             self.node.ref(self.actors.gate).tell(Stop(Reason.POLICY, "its process was killed"))
+
+    def _see_suspended(self, pid: int) -> None:
+        """End the robot's processes if the system has suspended their host (SIGSTOP). Otherwise a suspended host
+        could neither end nor restart them, and no person would notice."""
+        if self.is_hosted and pid == self.args["caller_pid"]:
+            self.shut_down(Reason.CALLER, "the host is suspended")
 
     def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
         if deferred is not None:
@@ -486,7 +519,7 @@ class Tree:
         mode = Mode.FAILED if self.failed else Mode(state.mode)
         restarts = self.restarts
         report = [
-            ProcessInfo("caller", self.args["caller_pid"], 0),
+            ProcessInfo(HOST if self.is_hosted else "caller", self.args["caller_pid"], 0),
             ProcessInfo("root", os.getpid(), 0),
             ProcessInfo("spawner", self.spawner.pid, 0),
         ]

@@ -40,6 +40,7 @@ from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
+from strands_actors.supervisors.root.messages import RecorderGap
 from strands_actors.supervisors.root.stop_channel import LINGER_S, attempt_anew, none_unsafe, pauses_s, settled
 from strands_actors.supervisors.wire.messages import RootGone
 
@@ -146,9 +147,12 @@ def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], r
             if cell is not None and isinstance(cell.actor, Gate | Watchdog):
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
+    def on_gap(missed: int) -> None:
+        node.ref(actors.guardian).tell(RecorderGap(missed))
+
     names = {address: name_of(address) for address in (actors.gate, actors.watchdog)}
     attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
-    return InstrumentKeeper(names, attached, remember)
+    return InstrumentKeeper(names, attached, remember, on_gap=on_gap)
 
 
 class WireProcess:
@@ -309,7 +313,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.channel = channels.of_caller(robot, args["caller"])
         mesh.attach(node)
         visited = channels.of_visitors(robot, "wire")
-        await mesh.let_guests_in(args["listen"], channels.of_user(robot), visited, channels.shown(robot))
+        guests = channels.of_guests(robot, args["is_hosted"])
+        await mesh.let_guests_in(args["listen"], guests, visited, channels.shown(robot))
         await mesh.run()
 
     async def let_policies_in() -> None:

@@ -23,10 +23,10 @@ from tests.robot.helpers import goals, limps, torque_now
 
 
 @contextlib.asynccontextmanager
-async def served(run_dir: Path, *arguments: str) -> AsyncIterator[Client]:
+async def served(run_dir: Path, *arguments: str, robot: str = "so101") -> AsyncIterator[Client]:
     server = StdioServerParameters(
         command=sys.executable,
-        args=["-c", MAIN, "mcp", "so101", *arguments],
+        args=["-c", MAIN, "mcp", robot, *arguments],
         env={
             "PYTHONPATH": str(ROOT),
             "STRANDS_ACTORS_RUN": str(run_dir),

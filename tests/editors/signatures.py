@@ -21,6 +21,7 @@ from strands_actors.caller.handle import factory
 from strands_actors.caller.handle.async_robot import AsyncRobot
 from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.caller.handle.sim_robot import SimRobot
+from strands_actors.caller.resolve.attached import OWN
 from strands_actors.caller.resolve.simulated import BACKENDS
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.loading import load
@@ -39,6 +40,8 @@ WIDTH = 116
 OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at")
 OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated", "onboard")
 """Keywords that only one of ``Robot`` and ``open_robot`` takes. All others belong to both."""
+GIVEN_BY_HOST = {name for name in inspect.signature(factory.Robot).parameters if name not in OWN}
+"""Keywords that a handle of a host's robot does not take."""
 NONE: Mapping[str, ToolVerb] = {}
 WITH_ACTION = ("step",)
 """Services that take a command, which they write first."""
@@ -172,9 +175,9 @@ def options_of(driver: type[Driver], names: Iterable[str] | None = None) -> Iter
 
 
 def factory_keywords(left_out: Iterable[str], narrowed: Mapping[str, str]) -> Iterator[str]:
-    """Yield the keywords of ``Robot`` itself."""
+    """Yield the keywords of ``Robot`` itself. ``attach`` has an overload of its own."""
     for one in inspect.signature(factory.Robot).parameters.values():
-        if one.kind is one.KEYWORD_ONLY and one.name not in left_out:
+        if one.kind is one.KEYWORD_ONLY and one.name not in (*left_out, "attach"):
             yield f"{one.name}: {narrowed.get(one.name, one.annotation)} = {default(one.default)}"
 
 
@@ -213,6 +216,8 @@ def overloads(function: str, known: list[Kind], returns: Mapping[str, str]) -> I
             keywords = [*factory_keywords(OF_HARDWARE, simulated), *body]
             yield one(kind.alias, sim, keywords, handle or returns["sim"])
     yield one("str", sim, factory_keywords(OF_HARDWARE, simulated), returns["sim"])
+    own = ["name: str", "*", "attach: Literal[True]", *factory_keywords(GIVEN_BY_HOST, {})]
+    yield "@overload\n" + packed(f"def {function}(", own, f") -> {returns['real']}: ...")
 
 
 # -- handles

@@ -36,6 +36,7 @@ PAGES: Mapping[str, Blocks] = {
         {1: "needs a camera at /dev/video0", 2: "needs a running robot with a camera"},
     ),
     "docs/datasets.md": Blocks(How.ON_TWINS),  # a busy machine may mark missing frames
+    "docs/host.md": Blocks(How.ON_TWINS, {1: "needs a running host, as tests/host/test_host.py starts one"}),
     "docs/lerobot.md": Blocks(How.ON_TWINS, {1: "needs LeRobot, with which tests/lerobot runs its robots"}),
     "docs/lowering.md": Blocks(How.ON_TWINS),
     "docs/mesh.md": Blocks(How.ON_TWINS, {1: "needs the keys of a mesh, and stops every robot of it"}),

@@ -70,7 +70,7 @@ def test_a_tree_is_used_for_the_next_cell_only_if_it_is_complete_again(
 
 
 def test_every_victim_and_fault_is_a_cell_or_has_a_reason_why_not() -> None:
-    cells = list(cells_of(driver_of("robotiq_2f85")))
+    cells = list(cells_of(driver_of("robotiq_2f85"), ["host"]))
     assert {(cell.victim, cell.fault) for cell in cells} == {(v, f) for v in Victims for f in Faults}
     for cell in cells:
         assert bool(cell.why_not) != bool(cell.proves)

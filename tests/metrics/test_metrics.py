@@ -19,6 +19,7 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.supervisors.gate.intervals import BOUNDS_S
 from strands_actors.surfaces.cli import run
 from strands_actors.surfaces.metrics.families import DASHBOARD, Families
 from strands_actors.surfaces.metrics.ledger import FORGET_S, SILENT_S, Ledger
@@ -86,6 +87,23 @@ def test_counts_and_states_are_in_the_scrape() -> None:
     assert value(values, "strands_actors_faulty_axes", robot="arm") == 1
     assert value(values, "strands_actors_wire_writes_total", robot="arm") == 9
     assert value(values, "strands_actors_mesh_commands_total", robot="arm") == 3
+
+
+def test_intervals_of_setpoints_and_gaps_of_recorders_are_in_the_scrape() -> None:
+    exporter = Exporter()
+    counts = [0] * (len(BOUNDS_S) + 1)
+    counts[BOUNDS_S.index(0.02)], counts[-1] = 3, 1
+    gaps = {"recorder_gaps": 2, "recorder_missed": 70}
+    exporter.send("health", setpoint_intervals=counts, setpoint_intervals_s=1.5, counts=gaps)
+    exporter.send("health", robot="old")
+    values = exporter.scrape()
+    name = "strands_actors_setpoint_interval_seconds"
+    buckets = {found["le"]: number for found, number in values[f"{name}_bucket"]}
+    assert (buckets["0.016"], buckets["0.02"], buckets["0.5"], buckets["+Inf"]) == (0, 3, 3, 4)
+    assert value(values, f"{name}_sum", robot="arm") == 1.5
+    assert value(values, f"{name}_sum", robot="old") is None, "an older robot does not measure them"
+    assert value(values, "strands_actors_recorder_gaps_total", robot="arm") == 2
+    assert value(values, "strands_actors_recorder_missed_events_total", robot="arm") == 70
 
 
 def test_stops_are_counted_from_the_beginning_of_the_exporter() -> None:

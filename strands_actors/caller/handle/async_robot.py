@@ -381,6 +381,7 @@ async def open_robot(
     name: str,
     mode: str = "sim",
     *,
+    attach: bool = False,
     arm: bool = True,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
@@ -395,6 +396,8 @@ async def open_robot(
     Args:
         name: Name of the robot.
         mode: ``"sim"``, ``"real"`` or ``"auto"``.
+        attach: True: ``name`` is a robot that a host of this user keeps (``strands-actors up``). Its processes run
+            on after the block.
         arm: False: opening the robot energises nothing.
         approve: Function that asks an operator for approval, and returns True to approve.
         guarded: Verbs and action keys that need approval, in addition to those of the driver.
@@ -409,8 +412,14 @@ async def open_robot(
         async with open_robot("so101", mode="real", port="/dev/ttyACM0") as arm:
             await arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
-    robot_plan = plan(name, mode, **keywords)
-    approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)
+    if attach:
+        from .attaching import attachment  # Only a handle of a host's robot needs this import.
+
+        given = keywords if mode == "sim" else {"mode": mode, **keywords}
+        robot_plan, approval, arm = await attachment(name, given, arm, approve, guarded, approve_within_s)
+    else:
+        robot_plan = plan(name, mode, **keywords)
+        approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)
     async with open_tree(robot_plan, arm) as tree:
         yield AsyncRobot(tree, approval)
 

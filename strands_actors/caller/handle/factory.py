@@ -5,6 +5,7 @@ The handle has the methods and results that the drivers page of strands-robots d
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,7 @@ def Robot(
     keyframe: str | int | None = None,
     gated: bool = True,
     onboard: str | os.PathLike[str] | None = None,
+    attach: bool = False,
     arm: bool = True,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
@@ -92,6 +94,9 @@ def Robot(
         gated: False lets a target of a simulation exceed the range of its joint.
         onboard: Folder of an ONNX policy that moves the joints of a simulated model (``urdf_path``) whenever they
             would only hold. It keeps a robot with legs standing.
+        attach: True: ``name`` is a robot that a host of this user keeps (``strands-actors up``). The handle
+            connects to it. The host has the other settings, so only ``arm``, ``approve``, ``guarded`` and
+            ``approve_within_s`` may be given. The robot's processes outlive the handle and this program.
         arm: False: a connect energises nothing. The robot can be read and moved by hand until
             ``resume()``.
         approve: Function that gives the approval of an operator. It is called before an agent, or
@@ -108,36 +113,54 @@ def Robot(
         ValueError: A name, a value or a keyword is wrong. The text lists the accepted ones.
         TypeError: A value has the wrong type, or the mode would ignore the keyword.
         ImportError: The package of the ``backend`` is not installed.
+        ConnectionError: With ``attach``: no host keeps such a robot now.
 
     Example:
         with Robot("so101", mode="real", port="/dev/ttyACM0") as arm:
             arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
-    robot_plan = plan(
-        name,
-        mode,
-        driver=driver,
-        port=port,
-        transport=transport,
-        sim=sim,
-        id=id,
-        tool_name=tool_name,
-        peer_id=peer_id,
-        cameras=cameras,
-        data_config=data_config,
-        mesh=mesh,
-        require_drill=require_drill,
-        at=at,
-        lifetime=lifetime,
-        policy_limits=policy_limits,
-        backend=backend,
-        urdf_path=urdf_path,
-        position=position,
-        orientation=orientation,
-        keyframe=keyframe,
-        gated=gated,
-        onboard=onboard,
+    keywords = {
+        "driver": driver,
+        "port": port,
+        "transport": transport,
+        "sim": sim,
+        "id": id,
+        "tool_name": tool_name,
+        "peer_id": peer_id,
+        "cameras": cameras,
+        "data_config": data_config,
+        "mesh": mesh,
+        "require_drill": require_drill,
+        "at": at,
+        "lifetime": lifetime,
+        "policy_limits": policy_limits,
+        "backend": backend,
+        "urdf_path": urdf_path,
+        "position": position,
+        "orientation": orientation,
+        "keyframe": keyframe,
+        "gated": gated,
+        "onboard": onboard,
         **options,
-    )
+    }
+    if attach is not False:
+        if attach is not True:
+            raise TypeError(
+                f"Robot: attach is {attach!r}. Give True for a robot that a host keeps, or leave it out"
+            )
+        # Only a handle of a host's robot needs these imports.
+        from ..session.portal import portal
+        from .attaching import attachment
+
+        given = _given({"mode": mode, **keywords})
+        parts = portal().call(attachment, name, given, arm, approve, guarded, approve_within_s)
+        return RealRobot(*parts)
+    robot_plan = plan(name, mode, **keywords)
     approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)
     return (SimRobot if robot_plan.transport == SIM else RealRobot)(robot_plan, approval, arm)
+
+
+def _given(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords that differ from their defaults."""
+    defaults = {name: each.default for name, each in inspect.signature(Robot).parameters.items()}
+    return {name: value for name, value in keywords.items() if name not in defaults or value != defaults[name]}

@@ -84,7 +84,7 @@ class RealRobot(RobotTool):
 
     LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to", "run"})
     """Methods that connect the robot if the program has not done so. The driver's services and commands connect
-    it, too. None of them connects to a robot of another host, since that would resume a robot that holds.
+    it, too. None of them connects to a robot that another program has started (``_is_shared``).
     """
     OTHERS_CONNECT: ClassVar[bool] = False
     """True if a call by an agent connects as well. False for hardware: the program decides what
@@ -197,12 +197,20 @@ class RealRobot(RobotTool):
         """
         if self._forked is not None:
             return forked.reason_unavailable(self._pid, self._forked.robot)
-        if not (self._connect_requested or self._closed or self._plan.host_address) and self._connects(name):
+        if not (self._connect_requested or self._closed or self._is_shared) and self._connects(name):
             problem = self._connect_first()
             # The robot may be connected but not armed. The called service may repair the cause, so it runs.
             if problem is not None and (name in self.LAZY or self._tree is None):
                 return f"not connected: {problem}"
         return self._tree or (CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    @property
+    def _is_shared(self) -> bool:
+        """True if another program has started the robot.
+
+        A command then never connects, since that would energise a robot that a person may have stopped.
+        """
+        return bool(self._plan.host_address) or self._plan.attached
 
     def _connects(self, name: str) -> bool:
         """Return True if a verb connects the robot: a command, or a service that is not a stop."""

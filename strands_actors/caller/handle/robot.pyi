@@ -1524,6 +1524,11 @@ def Robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> SimRobot: ...
+@overload
+def Robot(
+    name: str, *, attach: Literal[True], arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> RealRobot: ...
 
 @overload
 def open_robot(
@@ -2013,3 +2018,8 @@ def open_robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...
+@overload
+def open_robot(
+    name: str, *, attach: Literal[True], arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...

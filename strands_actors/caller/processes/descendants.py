@@ -16,9 +16,9 @@ import msgspec
 
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
-_NOT_OURS = ("caller", "twin")
+_NOT_OURS = ("caller", "host", "twin")
 """Roles of processes that are not searched for descendants. Children of the caller or the twin belong to the
-user.
+user, and those of a host to its other robots.
 """
 _PREFIX = "strands-"
 

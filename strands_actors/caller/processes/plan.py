@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -48,5 +49,14 @@ class Plan:
     lifetime_s: float | None = None
     """Least lifetime in seconds of a setpoint of a policy or a motion."""
     cameras: tuple[CameraSettings, ...] = ()
+    attached: bool = False
+    """True if a host of this user keeps the robot, and this is a handle of it."""
+    hosted: Mapping[str, Any] | None = None
+    """If a host makes the plan: settings for the handles of its robot, as plain data. None for a script."""
     policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
     """Limits of each process of a named policy."""
+
+    @property
+    def is_simulated(self) -> bool:
+        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started."""
+        return self.twin_process is not None or (self.attached and self.transport is not None)

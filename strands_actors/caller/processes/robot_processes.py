@@ -157,6 +157,10 @@ class Processes(ABC):
     def alive(self) -> bool:
         """Return False if it is certain that the processes cannot answer any more."""
 
+    async def is_guarded(self, within_s: float) -> bool:
+        """Return True if the guardian (it stops the robot if the wire process fails) answers within this time."""
+        return self.alive
+
     def require(self) -> None:
         """Raise ``NotConnected`` if no processes were started, or after ``close``."""
         self.require_open()

@@ -62,6 +62,8 @@ class Note(msgspec.Struct):
     motors: list[str] = []
     # Port of the robot, as the script gave it; empty for a simulated robot or without a port.
     port: str = ""
+    # Process id of the host that keeps the robot for other programs; 0 for the robot of a script.
+    host: int = 0
 
 
 def run_dir() -> Path:
@@ -178,16 +180,21 @@ def _forget_in_child() -> None:
 os.register_at_fork(before=_forking.acquire, after_in_parent=_forking.release, after_in_child=_forget_in_child)
 
 
+class NameTaken(Exception):
+    """Another robot has the requested name."""
+
+
 class Name:
     """The reserved name of a robot. The robot's root process inherits the lock of the name.
 
     Args:
         requested: The requested name. If another robot has it, a number is added.
+        exact: Raise ``NameTaken`` instead of adding a number.
     """
 
-    def __init__(self, requested: str) -> None:
+    def __init__(self, requested: str, exact: bool = False) -> None:
         directory = run_dir()
-        for number in range(1, 1000):
+        for number in range(1, 2 if exact else 1000):
             self.name = requested if number == 1 else f"{requested}-{number}"
             path = directory / f"{self.name}.lock"
             while True:
@@ -201,6 +208,8 @@ class Name:
                 (directory / f"{self.name}.json").unlink(missing_ok=True)
                 return
             self._lock.close()
+        if exact:
+            raise NameTaken(f"another robot of this user has the name {requested}, or is still ending")
         raise RuntimeError(f"999 robots named {requested} run already. End some of them, or give another id")
 
     @property

@@ -28,7 +28,16 @@ from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import RESUME, Lease, StopReport
 from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.page import SafetyPage
-from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, OnMesh, Shutdown, TreeReport
+from strands_actors.supervisors.root.messages import (
+    Describe,
+    Fence,
+    GetMesh,
+    GetState,
+    OnMesh,
+    Shutdown,
+    StateIs,
+    TreeReport,
+)
 from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.drill.certificate import TWIN, clause
@@ -41,7 +50,7 @@ from .nodes import Entrance
 from .plan import Plan
 from .port_claim import claim_port, port_identity
 from .robot_processes import CONNECT_S, NotConnected, Processes
-from .run_directory import Name, Note, audit_file, locks_dir
+from .run_directory import Name, NameTaken, Note, audit_file, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
@@ -102,7 +111,10 @@ class TreeProcesses(Processes):
             self.require_open()
             port = plan.twin_process.control if plan.transport == SIM else plan.twin_process.port
         if self._name is None:
-            self._name = Name(plan.tool_name)
+            try:
+                self._name = Name(plan.tool_name, exact=plan.hosted is not None)
+            except NameTaken as taken:
+                raise NotConnected(str(taken)) from None
             self.robot = self._name.name
         if plan.mesh.listens or plan.mesh.connects:
             try:
@@ -142,9 +154,10 @@ class TreeProcesses(Processes):
             process_one.warn_once()
         roles = ("root", "wire", "policy", "mesh")
         listen, wire_listen, policy_listen, mesh = (unix_endpoint(name.socket(role)) for role in roles)
+        driver = describe_driver(plan.driver_class, plan.robot, port, plan.options)
         args = {
             "robot": self.robot,
-            "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
+            "driver": driver | self._drill(port),
             "caller_pid": os.getpid(),
             "caller": self.node.address,
             "note": str(name.note),
@@ -165,6 +178,7 @@ class TreeProcesses(Processes):
             "connect": [self._entrance.endpoint],
             "secret": self._entrance.secret,
             "cameras": self._begin_cameras(port),
+            "hosted": None if plan.hosted is None else self._hosted(driver),
             "mesh": {
                 "listen": [mesh, *plan.mesh.listens],
                 "connect": plan.mesh.connects,
@@ -190,6 +204,7 @@ class TreeProcesses(Processes):
                 arm_s=self.driver.timing.arm_s,
                 motors=list(self.driver.axes),
                 port=own,
+                host=0 if plan.hosted is None else os.getpid(),
             )
         )
         # Import these modules while the root process imports the same ones. Imported before its start, they
@@ -218,6 +233,18 @@ class TreeProcesses(Processes):
         plan, twin = self.plan, self.plan.twin_process
         control = "" if twin is None else twin.control
         return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
+
+    def _hosted(self, driver: dict[str, Any]) -> dict[str, Any]:
+        """Return the settings that the root process gives to the programs that attach themselves to the robot."""
+        plan = self.plan
+        return {
+            "driver": driver,
+            "cameras": [msgspec.to_builtins(camera) for camera in plan.cameras],
+            "data_config": plan.data_config,
+            "lifetime_s": plan.lifetime_s,
+            "transport": plan.transport if plan.is_simulated else None,
+            **(plan.hosted or {}),
+        }
 
     def _drill(self, port: str) -> dict[str, Any]:
         """Return the option by which the gate refuses motion without a recent stop drill (a test that faults stop
@@ -356,6 +383,14 @@ class TreeProcesses(Processes):
             raise NotConnected(f"the root does not say whether it is on the mesh: {failure}") from failure
         if isinstance(answer, OnMesh) and answer.problem:
             raise NotConnected(answer.problem)
+
+    async def is_guarded(self, within_s: float) -> bool:
+        if not self.alive:
+            return False
+        try:
+            return isinstance(await self.guardian.ask(GetState(), within_s), StateIs)
+        except (AskTimeout, Unreachable):
+            return False
 
     async def describe(self) -> TreeReport | None:
         if self._root_process is None:

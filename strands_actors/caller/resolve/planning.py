@@ -57,10 +57,10 @@ def _check_scene(arguments: RobotArguments) -> None:
 async def completed(robot_plan: Plan) -> Plan:
     """Add the options that only the robot knows to a plan. Raise ``WireDown`` if the robot cannot be asked.
 
-    Two kinds of plans are returned unchanged. The plan of a simulated robot, since a new robot knows no options.
-    And the plan of a robot of another host, since that host asks the robot itself.
+    Some plans are returned unchanged. The plan of a simulated robot, since a new robot knows no options. And the
+    plan of a robot that another program has started, since that program asks the robot itself.
     """
-    if robot_plan.twin_process is not None or robot_plan.host_address:
+    if robot_plan.twin_process is not None or robot_plan.host_address or robot_plan.attached:
         return robot_plan
     options = await robot_plan.driver_class.complete(robot_plan.robot, robot_plan.port, robot_plan.options)
     return robot_plan if options == robot_plan.options else replace(robot_plan, options=options)

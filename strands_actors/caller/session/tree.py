@@ -119,7 +119,7 @@ class RobotTree:
     @property
     def caveats(self) -> tuple[str, ...]:
         """Return the driver's warnings for the user. A simulated robot has no warnings."""
-        return () if self.plan.twin_process is not None else self.driver.caveats
+        return () if self.plan.is_simulated else self.driver.caveats
 
     @property
     def standby_report(self) -> str | None:
@@ -411,6 +411,15 @@ class RobotTree:
         """Return the gate's status; None if the wire process does not answer."""
         return await self._processes.status()
 
+    @property
+    def alive(self) -> bool:
+        """Return False if it is certain that the robot's processes cannot answer any more."""
+        return self._processes.alive
+
+    async def is_guarded(self, within_s: float) -> bool:
+        """Return True if the guardian (it stops the robot if the wire process fails) answers within this time."""
+        return await self._processes.is_guarded(within_s)
+
     async def describe(self) -> TreeReport | None:
         """Return the processes and actors of the robot; None if nothing was started.
 
@@ -423,7 +432,12 @@ class RobotTree:
 
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:
-    """Return the processes of a plan, on this host or on another."""
+    """Return the processes of a plan: of this program, of a host of this user, or of another computer."""
+    if plan.attached:
+        # Only a program with a robot of a host needs this import.
+        from ..processes.attached_processes import AttachedProcesses
+
+        return AttachedProcesses(nursery, plan, driver)
     if not plan.host_address:
         return TreeProcesses(node, nursery, entrance, plan, driver)
     # Only a program with a robot of another host needs this import.

@@ -2,7 +2,7 @@
 
 ``strands.Agent(tools=[robot])`` accepts only instances of ``AgentTool``, a class of strands-agents. A
 subclass of ``AgentTool`` would import strands-agents and its dependencies into every script with a robot.
-Instead ``RobotTool`` has the same members, and registers as a virtual subclass when ``isinstance`` checks
+Instead ``StrandsTool`` has the same members, and registers as a virtual subclass when ``isinstance`` checks
 it. A program that makes this check has already imported strands-agents.
 """
 
@@ -22,14 +22,14 @@ AGENT_TOOL = "strands.types.tools"
 """Where strands-agents keeps ``AgentTool``."""
 
 
-class RobotTool:
-    """The members of ``AgentTool`` of strands-agents. A subclass provides the driver and carries out calls."""
+class StrandsTool:
+    """The members of ``AgentTool`` of strands-agents. A subclass describes the tool, and carries out calls."""
 
     tool_type = "robot"
     _is_dynamic = False
 
     @property  # type: ignore[misc]  # read-only, as far as anybody has a reason to write
-    def __class__(self) -> type[RobotTool]:
+    def __class__(self) -> type[StrandsTool]:
         """Register the object's class with ``AgentTool``, and return this class. ``isinstance`` asks for
         ``__class__`` when the real type does not match."""
         agent_tool = getattr(sys.modules.get(AGENT_TOOL), "AgentTool", None)
@@ -43,7 +43,8 @@ class RobotTool:
 
     @property
     @abstractmethod
-    def driver(self) -> Driver: ...
+    def tool_spec(self) -> dict[str, Any]:
+        """Return the name, the description and the inputs of the tool."""
 
     @abstractmethod
     async def use_tool(self, tool_input: object, by: str) -> Answer:
@@ -53,11 +54,6 @@ class RobotTool:
             tool_input: The input as the caller sent it.
             by: The name of the caller, which the operator sees in a request for approval.
         """
-
-    @property
-    def tool_spec(self) -> dict[str, Any]:
-        """Return the name, the description and the inputs that the driver declares."""
-        return tool_spec(self.tool_name, self.driver)
 
     async def stream(
         self, tool_use: Mapping[str, Any], invocation_state: Mapping[str, Any] | None = None, **_: Any
@@ -78,4 +74,20 @@ class RobotTool:
         self._is_dynamic = True
 
     def get_display_properties(self) -> dict[str, str]:
-        return {"Name": self.tool_name, "Type": self.tool_type, "Robot": self.driver.robot}
+        return {"Name": self.tool_name, "Type": self.tool_type}
+
+
+class RobotTool(StrandsTool):
+    """A robot as a tool. A subclass provides the driver, and carries out calls."""
+
+    @property
+    @abstractmethod
+    def driver(self) -> Driver: ...
+
+    @property
+    def tool_spec(self) -> dict[str, Any]:
+        """Return the name, the description and the inputs that the driver declares."""
+        return tool_spec(self.tool_name, self.driver)
+
+    def get_display_properties(self) -> dict[str, str]:
+        return {**super().get_display_properties(), "Robot": self.driver.robot}

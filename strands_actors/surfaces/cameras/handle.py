@@ -88,12 +88,24 @@ class Cameras:
             self._readers[name] = CameraReader(path, robot, name, bgr=settings.color_mode == "bgr")
         return kept
 
-    def end(self) -> None:
-        """Close the readers and remove the files, after the robot's processes have ended. Later reads return
-        ``Stale``."""
+    def join(self, robot: str) -> None:
+        """Read the pictures of cameras that another program of this user has started. The files are its own."""
+        self.leave()
+        self._readers = {
+            name: CameraReader(str(ring_path(robot, name)), robot, name, bgr=settings.color_mode == "bgr")
+            for name, settings in self._settings.items()
+        }
+
+    def leave(self) -> None:
+        """Close the readers. Later reads return ``Stale``."""
         for reader in self._readers.values():
             reader.close()
         self._readers = {}
+
+    def end(self) -> None:
+        """Close the readers and remove the files, after the robot's processes have ended. Later reads return
+        ``Stale``."""
+        self.leave()
         if self._robot:
             with contextlib.suppress(OSError):
                 remove(self._robot)

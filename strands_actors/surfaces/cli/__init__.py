@@ -285,6 +285,71 @@ def send(
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
 
 
+@app.command()
+def up(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="TOML file with a table [robot.NAME] for each robot.")
+    ],
+    check: Annotated[
+        bool, typer.Option("--check", help="Only look for faults of the file. Nothing is started.")
+    ] = False,
+    new_adapters: Annotated[
+        bool, typer.Option("--new-adapters", help="Forget which USB adapter each robot had. Use it after a repair.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Keep the robots of a file, for scripts that come and go. Nothing is energised."""
+    from .host import up as run
+
+    raise typer.Exit(run(file, check, new_adapters, as_json=json))
+
+
+@app.command("status")
+def status_of_host(json: Json = False) -> None:
+    """Show the robots of this user's host (`up`), and why one is not up."""
+    from .host import status as run
+
+    raise typer.Exit(run(as_json=json))
+
+
+@app.command()
+def reload(json: Json = False) -> None:
+    """Let the host (`up`) read its file again. Only robots that changed are stopped and started."""
+    from .host import reload as run
+
+    raise typer.Exit(run(as_json=json))
+
+
+@app.command()
+def down(json: Json = False) -> None:
+    """Make the robots of the host (`up`) safe, and end it."""
+    from .host import down as run
+
+    raise typer.Exit(run(as_json=json))
+
+
+@app.command()
+def install(
+    systemd: Annotated[bool, typer.Option("--systemd", help="The unit that starts the host (`up`).")] = False,
+    udev: Annotated[
+        bool, typer.Option("--udev", help="Rules for serial adapters: names by serial number, and permissions.")
+    ] = False,
+    file: Annotated[Path | None, typer.Option(metavar="FILE", help="The host's file, for --systemd.")] = None,
+    user: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The ordinary user that the host and its scripts run as.")
+    ] = None,
+    below: Annotated[
+        Path, typer.Option(metavar="DIR", help="The root directory to write to, such as that of an image.")
+    ] = Path("/"),
+    yes: Annotated[bool, typer.Option("--yes", help="Write the files. Without it they are only printed.")] = False,
+    json: Json = False,
+) -> None:
+    """Print the systemd unit and the udev rules for the host (`up`), or write them."""
+    from .install import install as run
+
+    raise typer.Exit(run(systemd, udev, file, user, below, yes, as_json=json))
+
+
 @app.command("run")
 def run_(
     robot: Kind,
@@ -656,18 +721,30 @@ def twin_order(
 
 @app.command()
 def mcp(
-    robot: Annotated[str, typer.Argument(help="The robot's type, as `list` shows it.")],
+    robot: Annotated[
+        str | None, typer.Argument(metavar="[ROBOT]", help="The robot's type, as `list` shows it.")
+    ] = None,
     port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
     transport: Annotated[str | None, typer.Option(help="`twin`: the robot's twin, behind its real driver.")] = None,
     id_: Id = None,
     allow_motion: Annotated[
         bool, typer.Option("--allow-motion", help="Energise the robot, and accept motion.")
     ] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="One tool for all running robots. It energises none.")
+    ] = False,
+    mesh: Mesh = None,
 ) -> None:
-    """Serve a robot as a tool over MCP, on standard input and output."""
-    from .mcp import serve_mcp
+    """Serve a robot, or all running robots, as a tool over MCP, on standard input and output."""
+    from .mcp import serve_fleet, serve_mcp
 
-    serve_mcp(robot, port, transport, id_, allow_motion)
+    one_or_all("mcp", robot, all_)
+    if robot is not None:
+        serve_mcp(robot, port, transport, id_, allow_motion)
+    elif all_:
+        serve_fleet(mesh, allow_motion)
+    else:
+        raise Problem("mcp: no robot is given. Give the type of a robot, or --all")
 
 
 @app.command()

@@ -21,7 +21,7 @@ from strands_actors.testing.lowering_trials import lowering_cells
 from strands_actors.testing.matrix import Row, rows_of, shown, summary, verdict
 from strands_actors.testing.matrix_page import INTRODUCTION, PAIRS, Columns, columns_of, encode, load, page
 from strands_actors.testing.pairs import Pair, pairs_of
-from strands_actors.testing.registering import LOWERING, column, end_of
+from strands_actors.testing.registering import HOSTED, LOWERING, column, end_of
 from strands_actors.testing.trials import Trial, Trials, cell_named
 
 from .errors import Problem
@@ -57,6 +57,8 @@ def run(
     Raises:
         Problem: An argument is wrong, or a cell cannot be measured. The other cells are written nevertheless.
     """
+    if pairs and drivers and HOSTED in drivers:
+        raise Problem("matrix: pairs are not measured on a robot that a host keeps. Leave out --pairs")
     robots = dict.fromkeys(_chosen(drivers) if drivers else [*every_column(), *lowering_columns()])
     kept = {} if out is None else _kept(out)
     roles = _roles_of(robots)

@@ -1,9 +1,13 @@
-"""``mcp``: serve a robot as a tool to an MCP client. The client starts this command, and uses its standard
-input and output."""
+"""``mcp``: serve a robot, or all robots, as a tool to an MCP client.
+
+The client starts this command, and uses its standard input and output.
+"""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 import trio
 
@@ -13,8 +17,10 @@ from strands_actors.caller.processes.plan import Plan
 from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.extras import require
 from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of, ask_on_terminal
+from strands_actors.surfaces.mesh.client import open_mesh
 
 from .errors import Problem
+from .orders import configuration
 
 
 def serve_mcp(
@@ -41,9 +47,42 @@ def serve_mcp(
         planned = plan(robot, "real" if options else "sim", id=robot_id, **options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"mcp: {refusal}") from refusal
+
+    async def serve() -> None:
+        await _serve(planned, allow_motion)
+
+    _run(serve)
+
+
+def serve_fleet(mesh: Path | None, allow_motion: bool) -> None:
+    """Serve the tool for all robots until the client closes standard input.
+
+    Args:
+        mesh: A TOML file with the endpoints of robots on other hosts.
+        allow_motion: Accept tasks for robots. Each robot decides about its tasks.
+
+    Raises:
+        Problem: The mesh configuration cannot be used.
+        KeyboardInterrupt: The user pressed Ctrl-C.
+    """
+    require("mcp", "mcp")
+    config = configuration(mesh)
+
+    async def serve() -> None:
+        from strands_actors.surfaces.agents.fleet import ServedFleet
+        from strands_actors.surfaces.agents.mcp_server import serve
+
+        async with open_mesh(config) as client:
+            await serve(ServedFleet(client), allow_motion, "All robots that can be reached.")
+
+    _run(serve)
+
+
+def _run(serve: Callable[[], Awaitable[None]]) -> None:
+    """Serve until the client or Ctrl-C ends it."""
     interrupted, problem = False, ""
     try:
-        interrupted = trio.run(_until_interrupted, planned, allow_motion)
+        interrupted = trio.run(_until_interrupted, serve)
     except* BrokenPipeError:
         pass  # The client has ended. The robot is safe, because ``open_tree`` has stopped it.
     except* ConnectionError as failures:
@@ -54,7 +93,7 @@ def serve_mcp(
         raise Problem(f"mcp: {problem}")
 
 
-async def _until_interrupted(planned: Plan, allow_motion: bool) -> bool:
+async def _until_interrupted(serve: Callable[[], Awaitable[None]]) -> bool:
     """Serve until the client or SIGINT ends it. Return True after SIGINT.
 
     SIGINT is received as an event. Otherwise Python would raise ``KeyboardInterrupt`` at any line, and the
@@ -68,7 +107,7 @@ async def _until_interrupted(planned: Plan, allow_motion: bool) -> bool:
 
         async with open_background() as nursery:
             nursery.start_soon(interrupt)
-            await _serve(planned, allow_motion)
+            await serve()
     return serving.cancelled_caught
 
 

@@ -50,6 +50,9 @@ PRESENCE_S = 1.5
 CLOCK_AGE_S = 10.0
 """A clock is read again if the last reading is older."""
 
+MOST_ANSWERS = 16384
+"""Most answers that wait to be read. All robots behind a router answer an e-stop at the same moment."""
+
 _decode_response = msgspec.json.Decoder(Response).decode
 _COMMAND = schema("command")
 
@@ -98,8 +101,7 @@ class MeshClient:
     def __init__(
         self, config: MeshConfig, nursery: trio.Nursery, now_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        user = re.sub(r"[^A-Za-z0-9_-]", "-", getpass.getuser())[:32] or "user"
-        self.sender = f"{config.own_prefix or user + '-'}{os.getpid()}-{secrets.token_hex(3)}"
+        self.sender = f"{config.own_prefix or _user() + '-'}{os.getpid()}-{secrets.token_hex(3)}"
         self._proof = secrets.token_hex(16)
         self.now_ns = now_ns
         self.sessions = Sessions(config, nursery, self._on_join)
@@ -113,7 +115,7 @@ class MeshClient:
     def _on_join(self, session: PubSub) -> None:
         session.get_ready(mesh_json.ESTOP_KEY, _COMMAND)
         responses = mesh_json.response_key(self.sender, "*", "*")
-        session.subscribe(responses, lambda received: self._on_response(session, received))
+        session.subscribe(responses, lambda received: self._on_response(session, received), keep=MOST_ANSWERS)
 
     # -- robots
 
@@ -266,7 +268,7 @@ class MeshClient:
             del self._waiting[turn]
 
     def _open_turn(self) -> tuple[str, trio.MemoryReceiveChannel[Response]]:
-        send, receive = trio.open_memory_channel[Response](256)
+        send, receive = trio.open_memory_channel[Response](MOST_ANSWERS)
         turn = self._new_turn()
         self._waiting[turn] = send
         return turn, receive
@@ -395,6 +397,15 @@ class MeshClient:
                 if response.final:
                     done.add(outcome.robot)
             nursery.cancel_scope.cancel()
+
+
+def _user() -> str:
+    """Return the name of the user, as a part of the sender's name. In a container the user may have no name."""
+    try:
+        name = getpass.getuser()
+    except (KeyError, OSError):
+        name = f"user-{os.getuid()}"
+    return re.sub(r"[^A-Za-z0-9_-]", "-", name)[:32] or "user"
 
 
 @contextlib.asynccontextmanager

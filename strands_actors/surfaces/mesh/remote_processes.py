@@ -19,15 +19,15 @@ import trio
 import zenoh
 
 from strands_actors.caller.processes.plan import Plan
-from strands_actors.caller.processes.robot_processes import NotConnected, Patience, Processes
+from strands_actors.caller.processes.robot_processes import NotConnected, Patience
+from strands_actors.caller.processes.session_processes import SessionProcesses
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import short
-from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses, stop_result
-from strands_actors.supervisors.gate.messages import RESUME, Lease, Release, Stop
+from strands_actors.supervisors.gate.messages import RESUME, Stop
 from strands_actors.supervisors.mesh.gateway_messages import Synced
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.stop_result import StopResult
@@ -42,7 +42,7 @@ SYNC_S = (0.1, 0.1, 0.1, 0.2, 0.5, 1.0, 2.0)
 counts. Later there is one every two seconds."""
 
 
-class RemoteProcesses(Processes):
+class RemoteProcesses(SessionProcesses):
     PATIENCE: ClassVar[Patience] = Patience(ask_s=1.5, status_s=1.0, stop_s=3.0, command_s=1.0)
     elsewhere = True
     gate: GatewayRef
@@ -50,13 +50,8 @@ class RemoteProcesses(Processes):
     def __init__(self, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         host = re.sub(r"[^A-Za-z0-9_-]", "-", socket.gethostname())[:32] or "host"
         name = f"{plan.mesh.own_prefix}caller.{host}.{os.getpid()}.{secrets.token_hex(4)}"
-        super().__init__(Node(name, MonotonicClock()), nursery, plan, driver)
+        super().__init__(name, nursery, plan, driver)
         self.holder = f"{self.holder} on {host}"
-        self._scope: trio.CancelScope | None = None
-
-    @property
-    def started(self) -> bool:
-        return self._scope is not None
 
     @property
     def alive(self) -> bool:
@@ -73,27 +68,7 @@ class RemoteProcesses(Processes):
         session.ask_privately(addresses.of(self.robot).gateway)
         session.serve_threads()
         self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
-        self._scope = trio.CancelScope()
-        self.nursery.start_soon(self._serve, session, self._scope, background)
-        try:
-            await self._reach()
-        except BaseException:
-            self._leave()
-            raise
-
-    async def _serve(
-        self, session: ZenohMesh, scope: trio.CancelScope, background: Callable[[], Awaitable[None]]
-    ) -> None:
-        try:
-            with scope:
-                async with trio.open_nursery() as nursery:
-                    await nursery.start(self.node.run)
-                    await nursery.start(session.run)
-                    nursery.start_soon(background)
-                    nursery.start_soon(self._keep_clock)
-        finally:
-            with trio.CancelScope(shield=True):
-                await trio.to_thread.run_sync(session.close)
+        await self._join(session, background, self._keep_clock)
 
     async def _reach(self) -> None:
         """Wait until the robot's clock was read. Raise ``NotConnected`` if the robot does not answer."""
@@ -128,26 +103,8 @@ class RemoteProcesses(Processes):
             with contextlib.suppress(AskTimeout, Unreachable):
                 await self.gate.sync(self.patience.ask_s)
 
-    def _leave(self) -> None:
-        if self._scope is not None:
-            self._scope.cancel()
-            self._scope = None
-
-    async def end(self, lease: Lease | None) -> StopResult:
-        """If this caller holds the lease (the right to command), stop the robot and release the lease. Then
-        disconnect. Without the lease the robot is not stopped, because another program may be commanding it."""
-        result: StopResult = stop_result.Confirmed(stop_result.NothingRan("nothing was commanded from here"))
-        if self.started and lease is not None:
-            try:
-                # The reason CLEANUP would end the robot's processes, which this caller did not start.
-                answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
-                result = stop_result.of_answer("cleanup", answer, self.driver.axes)
-            except (AskTimeout, Unreachable) as failure:
-                result = self._unreachable("cleanup", failure)
-            with contextlib.suppress(AskTimeout, Unreachable):  # If the release fails, the lease ends by itself.
-                await self.gate.ask(Release(lease.id), self.patience.ask_s)
-        self._leave()
-        return result
+    async def _stop_unanswered(self, stop: Stop, failure: Exception) -> StopResult:
+        return self._unreachable("cleanup", failure)
 
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         return self._unreachable("stop", None)
@@ -176,6 +133,3 @@ class RemoteProcesses(Processes):
         except (AskTimeout, Unreachable):
             return None
         return answer if isinstance(answer, TreeReport) else None
-
-    async def require_mesh(self) -> None:
-        """Do nothing. The connection over the mesh already exists."""

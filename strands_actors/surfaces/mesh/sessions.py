@@ -30,6 +30,8 @@ EVERYBODY = "the robots of this user"
 """Stands for the name of a robot in an outcome when this user's robots cannot be listed."""
 OTHERS = "the robots of other hosts"
 """As ``EVERYBODY``, when the configuration for other hosts cannot be used."""
+MOST_TOKENS = 16384
+"""Most robots that may appear at the same moment, for example behind a router."""
 _NO_ROBOTS = ("safety", "broadcast", "node")
 """Parts of a key that stand in the place of a robot's name."""
 
@@ -176,7 +178,7 @@ class Sessions:
         self._open[endpoint] = session
         self._on_join(session)
         tokens = mesh_json.key("*", "alive")
-        session.watch_tokens(tokens, lambda token: self._on_token(endpoint, session, token))
+        session.watch_tokens(tokens, lambda token: self._on_token(endpoint, session, token), MOST_TOKENS)
         for key, handler in self._subscriptions:
             self._subscribe(session, key, handler)
         await self._nursery.start(session.run)

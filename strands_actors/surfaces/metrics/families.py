@@ -18,9 +18,10 @@ from prometheus_client.core import (
 from prometheus_client.registry import Collector
 
 from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.gate.intervals import BOUNDS_S
 from strands_actors.supervisors.root.messages import UNREACHABLE
 
-from .ledger import SILENT_S, Account, Ledger
+from .ledger import SILENT_S, Account, Ledger, cumulative
 
 PREFIX = "strands_actors"
 DASHBOARD = Path(__file__).with_name("grafana.json")
@@ -121,6 +122,9 @@ class _Metrics:
         restarts = _counter("process_restarts", "Restarts of the robot's processes.", "process")
         commands = _counter("mesh_commands", "Commands that arrived over the mesh.")
         refused = _counter("mesh_commands_refused", "Commands that arrived over the mesh and were refused.")
+        intervals = _histogram("setpoint_interval_seconds", "Time between two accepted setpoints of a stream.")
+        gaps = _counter("recorder_gaps", "Gaps in recordings, because a recorder was too slow.")
+        missed = _counter("recorder_missed_events", "Events that are missing in recordings because of such gaps.")
         for robot, account in self._accounts.items():
             health = account.health
             if health is None:
@@ -133,6 +137,12 @@ class _Metrics:
                 restarts.add_metric([robot, process], count)
             commands.add_metric([robot], health.counts.get("commands", 0))
             refused.add_metric([robot], health.counts.get("commands_refused", 0))
+            if len(health.setpoint_intervals) == len(BOUNDS_S) + 1:
+                buckets = cumulative(BOUNDS_S, health.setpoint_intervals)
+                intervals.add_metric([robot], buckets, health.setpoint_intervals_s)
+            gaps.add_metric([robot], health.counts.get("recorder_gaps", 0))
+            missed.add_metric([robot], health.counts.get("recorder_missed", 0))
+        yield from (intervals, gaps, missed)
         yield from (connected, faults, writes, reads, restarts, commands, refused)
 
 

@@ -43,12 +43,21 @@ class Histogram:
         self.total += value
 
     def buckets(self) -> list[tuple[str, float]]:
-        """Return (upper bound, number of values up to it) of each bucket, as Prometheus has them."""
-        below, rows = 0, []
-        for bound, count in zip((*map(str, self._bounds), "+Inf"), self._counts, strict=True):
-            below += count
-            rows.append((bound, float(below)))
-        return rows
+        return cumulative(self._bounds, self._counts)
+
+
+def cumulative(bounds: Sequence[float], counts: Sequence[int]) -> list[tuple[str, float]]:
+    """Return (upper bound, number of values up to it) of each bucket, as Prometheus has them.
+
+    Args:
+        bounds: Upper bounds of the buckets.
+        counts: Number of values in each bucket, and in a last one without a bound.
+    """
+    below, rows = 0, []
+    for bound, count in zip((*map(str, bounds), "+Inf"), counts, strict=True):
+        below += count
+        rows.append((bound, float(below)))
+    return rows
 
 
 class StopKey(NamedTuple):

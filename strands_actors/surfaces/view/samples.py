@@ -88,6 +88,8 @@ class Health(msgspec.Struct, frozen=True):
     reads: int = 0
     counts: dict[str, int] = {}
     restarts: dict[str, int] = {}
+    setpoint_intervals: tuple[int, ...] = ()
+    setpoint_intervals_s: float = 0.0
 
 
 class SafetyEvent(msgspec.Struct, frozen=True):
