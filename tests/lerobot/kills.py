@@ -20,6 +20,7 @@ import statistics
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
@@ -33,7 +34,7 @@ from strands_actors.testing.trials import subject
 from .calibration import MOTORS, NAME, write
 from .rustypot_registers import Registers
 
-STARTS_S = 180.0
+STARTS_S, STARTS = 180.0, 5
 LATEST_S = 2.0
 """After the first setpoint."""
 LOOK_S = 2.0
@@ -46,8 +47,8 @@ MODELS = {
 
 
 class Kill(NamedTuple):
-    """One trial: milliseconds to the frame that takes the torque (None: there was none), setpoints after it or else
-    after the kill, and the number of servos that have torque ``LOOK_S`` later."""
+    """One trial: milliseconds to the frame that takes the torque (None: there is no such frame), setpoints after
+    it or else after the kill, and the number of servos that have torque ``LOOK_S`` later."""
 
     safe_ms: float | None
     setpoints_after: int
@@ -122,16 +123,18 @@ def _leader(robot: str, home: Path, twins: contextlib.ExitStack) -> tuple[str, .
     )
 
 
-def _trial(twin: Twin, run: Callable[[], object]) -> Kill:
+def _trial(twin: Twin, run: Callable[[], object], starts: int = STARTS) -> Kill:
     os.truncate(twin.log.path, 0)
+    output = twin.log.path.with_name("output")
     pid = os.fork()
     if pid == 0:
-        _child(run)
+        _child(run, output)
     deadline_s = time.monotonic() + STARTS_S
     while not twin.log.host("setpoint"):
         assert time.monotonic() < deadline_s, "it does not move"
         if os.waitpid(pid, os.WNOHANG) != (0, 0):  # it did not connect: no trial
-            return _trial(twin, run)
+            assert starts, f"it ends before it moves: {output.read_text()}"
+            return _trial(twin, run, starts - 1)
         time.sleep(0.05)
     time.sleep(random.uniform(0.0, LATEST_S))
     killed_ns = time.monotonic_ns()
@@ -144,12 +147,14 @@ def _trial(twin: Twin, run: Callable[[], object]) -> Kill:
     return Kill(safe_ms, after, _with_torque(twin))
 
 
-def _child(run: Callable[[], object]) -> None:
-    with contextlib.suppress(BaseException):
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
+def _child(run: Callable[[], object], output: Path) -> None:
+    written = os.open(output, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+    os.dup2(written, 1)
+    os.dup2(written, 2)
+    try:
         run()
+    except BaseException:
+        traceback.print_exc()
     os._exit(1)
 
 

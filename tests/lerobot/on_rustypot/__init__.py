@@ -8,6 +8,7 @@ the classes ``So101`` and ``Koch``, and the process of a teleoperation with ``ma
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from lerobot.motors.motors_bus import SerialMotorsBus
 from strands_actors.drivers.plain.lerobot.follower import Follower, class_of
 from strands_actors.teleoperation.lerobot import make
 
-from .rustypot_registers import Registers
+from ..rustypot_registers import Registers
 
 
 class OnRustypot(SerialMotorsBus):
@@ -83,8 +84,15 @@ class DynamixelOnRustypot(OnRustypot, dynamixel.DynamixelMotorsBus):
     pass
 
 
-feetech.FeetechMotorsBus = FeetechOnRustypot
-dynamixel.DynamixelMotorsBus = DynamixelOnRustypot
+def _replace(old: type[Any], new: type[Any]) -> None:
+    """Replace a class of LeRobot in all modules that have imported it."""
+    for module in [module for name, module in sys.modules.items() if name.startswith("lerobot")]:
+        if vars(module).get(old.__name__) is old:
+            setattr(module, old.__name__, new)
+
+
+_replace(feetech.FeetechMotorsBus, FeetechOnRustypot)
+_replace(dynamixel.DynamixelMotorsBus, DynamixelOnRustypot)
 
 
 def _on_rustypot(robot: str, name: str) -> type[Follower]:
