@@ -36,12 +36,12 @@ def descriptors_of(devices: frozenset[int]) -> list[int]:
     Args:
         devices: The numbers of character devices.
     """
-    found: dict[int, int] = {}
+    by_device: dict[int, int] = {}
     for descriptor in _open_descriptors():
         device = _open_device(descriptor)
-        if device in devices and (device not in found or _has_hung_up(found[device])):
-            found[device] = descriptor
-    return list(found.values())
+        if device in devices and (device not in by_device or _has_hung_up(by_device[device])):
+            by_device[device] = descriptor
+    return list(by_device.values())
 
 
 def _device(path: str | os.PathLike[str]) -> frozenset[int]:

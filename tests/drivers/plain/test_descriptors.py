@@ -1,4 +1,4 @@
-"""The stop channel's descriptor is found by the device, whatever library has opened it."""
+"""The stop channel's descriptor is found by the device, for any library that has opened it."""
 
 from __future__ import annotations
 
