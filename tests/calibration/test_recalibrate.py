@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trio
 
+from strands_actors.drivers.common.kit.calibration import MotorCalibration
+from strands_actors.drivers.common.servo.calibrating import Proposal
+from strands_actors.drivers.common.servo.findings import Finding, Kind
 from strands_actors.drivers.common.servo.recalibrating import read_file
 from strands_actors.testing import Twin
 
@@ -139,6 +143,24 @@ def test_values_that_cannot_be_put_back_are_refused(home: Path, content: str | N
         (home / "left.before").write_text(content)
     with pytest.raises(commands.Problem, match=text):
         commands.calibrate("so101", "/dev/null", "left", as_json=True, undo=True)
+
+
+@pytest.mark.parametrize(("line", "confirmed"), [("yes\n", True), ("\n", False), ("y\n", False)])
+def test_the_result_is_shown_and_only_yes_confirms_it(
+    line: str, confirmed: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def typed(self: object) -> str:
+        return line
+
+    monkeypatch.setattr(person.Terminal, "_line", typed)
+    motor = MotorCalibration(1, 0, 412, 905, 3160)
+    finding = Finding(Kind.WRAPS, "shoulder_pan")
+    before = {"shoulder_pan": {"homing_offset": -3}}
+    proposal = Proposal({"shoulder_pan": motor}, {"shoulder_pan": 2255}, (finding,), before, {})
+    assert trio.run(person.Terminal(quiet=False).confirm, proposal) is confirmed
+    shown = capsys.readouterr().err
+    assert "198.2 deg" in shown and "-3 -> 412" in shown and "905-3160" in shown
+    assert "starts at 0 again within its range" in shown and "Nothing was written yet" in shown
 
 
 def test_options_that_exclude_each_other_and_unknown_joints_are_refused(home: Path) -> None:

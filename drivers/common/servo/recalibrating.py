@@ -23,15 +23,19 @@ async def put_back(setup: Setup[Any], kept: Registers, keep: Callable[[Registers
     Args:
         setup: The servos.
         kept: The registers.
-        keep: Called with the present registers before the first one is written.
+        keep: Called with the present registers when the kept ones were written.
 
     Raises:
         WireDown: A servo does not answer, or did not keep a value.
     """
     states = await open_servos(setup)
     before = {key: state.registers for key, state in states.items()}
-    keep(before)
-    await write(setup, kept, before)
+
+    async def keep_present() -> None:
+        keep(before)
+
+    # Not before: a failure must leave the kept values where they are.
+    await write(setup, kept, before, keep_present)
     motors = {axis.key: setup.calibration_in(axis, kept[axis.key]) for axis in setup.axes}
     return Proposal(motors, {}, (), before, kept)
 
