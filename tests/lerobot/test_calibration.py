@@ -91,7 +91,7 @@ class TheirPerson:
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
-        self._ends = list(ENDS)
+        self._moves = [{joint: angle} for joint in JOINTS for angle in ENDS]
         self.bus: Any = None
 
     def connected(self, bus: Any) -> None:
@@ -99,18 +99,18 @@ class TheirPerson:
 
     def press(self, prompt: str = "") -> str:
         """Replace ``input``."""
-        self._move(sum(ENDS) / 2)
+        self._move(dict.fromkeys(JOINTS, sum(ENDS) / 2))
         return ""
 
     def has_pressed(self) -> bool:
         """Replace LeRobot's ``enter_pressed``, which it calls after each reading."""
-        if not self._ends:
+        if not self._moves:
             return True
-        self._move(self._ends.pop(0))
+        self._move(self._moves.pop(0))
         return False
 
-    def _move(self, angle: float) -> None:
-        self._twin.move_by_hand(**dict.fromkeys(JOINTS, angle))
+    def _move(self, angles: Mapping[str, float]) -> None:
+        self._twin.move_by_hand(**angles)
         recent: list[dict[str, int]] = []
         while len(recent) < STILL + 2 or any(
             max(row[key] for row in recent[-STILL:]) - min(row[key] for row in recent[-STILL:]) > 0
