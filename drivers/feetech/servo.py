@@ -116,6 +116,15 @@ class Servo(TwinServo):
         hot = self.temperature_c >= table[p.MAX_TEMPERATURE.address]
         return (0 if volts else ERROR_VOLTAGE) | (ERROR_OVERHEAT if hot else 0) | self._tripped
 
+    def set_identity(self, servo_id: int | None, firmware: str | None) -> None:
+        factory = bytearray(self.factory)
+        if servo_id is not None:
+            factory[p.ID.address] = servo_id
+        if firmware is not None:
+            factory[: p.FIRMWARE.size] = bytes(int(part) for part in firmware.split(".", 1))
+        self.factory = bytes(factory)
+        self._eeprom[:] = self.factory[: p.EEPROM_END]
+
     def power_cycle(self) -> None:
         """Restart the servo. The EEPROM has its saved values, the RAM has its values at delivery, the torque is
         off, and the goal is the present position [assumed]."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from strands_actors.drivers.common.kit.calibration import MotorCalibration
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.handshake import block, command
-from strands_actors.drivers.common.servo.setup import HALF_TURN, Setup
+from strands_actors.drivers.common.servo.setup import ServoState, Setup
+from strands_actors.drivers.common.servo.sweep import HALF_TURN
 
 from . import protocol as p
 from .identify import POSITION_MODE
@@ -17,6 +20,16 @@ _LOCKED, _OPEN = 1, 0
 class FeetechSetup(Setup[p.Packet]):
     CODEC = p
     SAFING = FeetechSafing
+    REGISTERS = {  # noqa: RUF012
+        "mode": p.MODE,
+        "homing_offset": p.HOMING_OFFSET,
+        "range_min": p.MIN_POSITION,
+        "range_max": p.MAX_POSITION,
+    }
+    OFFSET_SIGN = 1
+    OFFSET_MOVES_END = True
+    HORN_TEETH = 25
+    """Of the STS3215's output shaft, in its data sheet (25T)."""
     _model = (p.MODEL.address, p.MODEL.size)
 
     async def unlock(self, axis: Axis) -> None:
@@ -25,22 +38,25 @@ class FeetechSetup(Setup[p.Packet]):
     async def lock(self, axis: Axis) -> None:
         await self._write(axis.id, axis, p.LOCK, _LOCKED)
 
-    async def read_calibration(self, axis: Axis) -> MotorCalibration:
+    async def read_state(self, axis: Axis) -> ServoState:
         eeprom = await block(self.bus, p, axis, 0, p.EEPROM_END)
-        low, high = p.MIN_POSITION.decode(eeprom, 0), p.MAX_POSITION.decode(eeprom, 0)
+        registers = {name: register.decode(eeprom, 0) for name, register in self.REGISTERS.items()}
+        return ServoState(p.MODEL.decode(eeprom, 0), f"{eeprom[0]}.{eeprom[1]}", registers)
+
+    def registers_of(self, axis: Axis, motor: MotorCalibration, present: Mapping[str, int]) -> dict[str, int]:
+        return {
+            "mode": POSITION_MODE,
+            "homing_offset": motor.homing_offset,
+            "range_min": motor.range_min,
+            "range_max": motor.range_max,
+        }
+
+    def calibration_in(self, axis: Axis, registers: Mapping[str, int]) -> MotorCalibration:
+        low, high = registers["range_min"], registers["range_max"]
         # Both position limits are zero in a servo that may turn more than one turn.
         if not low < high <= p.COUNTS - 1:
             low, high = 0, p.COUNTS - 1
-        return MotorCalibration(axis.id, 0, p.HOMING_OFFSET.decode(eeprom, 0), low, high)
-
-    async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
-        for register, value in (
-            (p.MODE, POSITION_MODE),
-            (p.HOMING_OFFSET, motor.homing_offset),
-            (p.MIN_POSITION, motor.range_min),
-            (p.MAX_POSITION, motor.range_max),
-        ):
-            await self._write(axis.id, axis, register, value)
+        return MotorCalibration(axis.id, 0, registers["homing_offset"], low, high)
 
     def offset_to_middle(self, position: int) -> int:
         """Return the homing offset for which the servo reports half a turn at ``position``. The servo subtracts the

@@ -3,11 +3,14 @@ a version that no machine has."""
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
-from tests.lerobot.environments import interpreter
+from tests.lerobot.environments import PLUGIN, ROOT, VERSIONS, interpreter, main, split, version_of
 
 RUNS, REFUSES = "echo 3.99", "echo 'python3.99: command not found' >&2; exit 127"
 
@@ -43,3 +46,21 @@ def test_a_working_python_on_the_path_is_chosen(machine: Path) -> None:
 def test_no_python_is_chosen_when_none_runs(machine: Path) -> None:
     put(machine / "path" / "python3.99", REFUSES)
     assert interpreter("3.99") is None
+
+
+def test_any_version_of_lerobot_is_tried_by_one_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert split(["--lerobot", "0.7.0", "-x", "--lerobot=0.4.4"]) == (["0.7.0", "0.4.4"], ["-x"])
+    newest = VERSIONS[-1]
+    assert version_of("0.7.0") == ("0.7.0", newest.python, newest.extras)
+    assert version_of(VERSIONS[0].lerobot) == VERSIONS[0]
+    for wrong in (["--lerobot"], ["--lerobot="], ["--lerobot", "-x"]):
+        assert main(wrong) == 2
+        assert "which is no version. Give one, such as --lerobot 0.6.1" in capsys.readouterr().out
+
+
+def test_the_declared_range_of_lerobot_is_that_of_the_versions_that_were_tried() -> None:
+    tried = SpecifierSet(f">={VERSIONS[0].lerobot},<={VERSIONS[-1].lerobot}")
+    plugin = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]["dependencies"]
+    extra = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["lerobot"]
+    declared = [Requirement(line).specifier for line in (*plugin, *extra) if Requirement(line).name == "lerobot"]
+    assert declared == [tried, tried]

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = ROOT / "plugins" / "lerobot_robot_strands_actors"
-OURS = f"{ROOT}[dataset,pictures]"
+OURS = ("-e", f"{ROOT}[dataset,pictures]", "pytest>=8.3", "hypothesis>=6.120", "rustypot>=1.13,<2")
 WHERE = "STRANDS_ACTORS_LEROBOT"
-ONLY = "--only="
-"""``--only=0.4.4``: that version alone. Other arguments are pytest's."""
+OPTION = "--lerobot"
+"""``--lerobot 0.4.4``: that version alone, which need not be in ``VERSIONS``. Other arguments are pytest's."""
 
 
 class Version(NamedTuple):
@@ -27,18 +29,45 @@ VERSIONS = (
     Version("0.4.4", "3.11", "feetech,dynamixel,smolvla"),
     Version("0.6.1", "3.12", "core-scripts,training,feetech,dynamixel,smolvla"),
 )
+"""The versions that were tried, the oldest first. The bounds of the distributions are the first and the last."""
 
 
 def main(arguments: list[str]) -> int:
     """Make what is missing, run the tests in each; the first exit code that is not 0."""
-    only = [text.removeprefix(ONLY) for text in arguments if text.startswith(ONLY)]
-    versions = [version for version in VERSIONS if not only or version.lerobot in only]
-    if not versions:
-        print(f"no version {', '.join(only)}. There are {', '.join(each.lerobot for each in VERSIONS)}")
+    try:
+        wanted, rest = split(arguments)
+    except ValueError as error:
+        print(error)
         return 2
-    rest = [text for text in arguments if not text.startswith(ONLY)]
-    codes = [_run(version, rest) for version in versions]
+    codes = [_run(version, rest) for version in [version_of(name) for name in wanted] or VERSIONS]
     return next((code for code in codes if code), 0)
+
+
+def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the versions of LeRobot that the arguments name, and the arguments for pytest.
+
+    Raises:
+        ValueError: A version is missing or is no version.
+    """
+    wanted, rest = list[str](), list[str]()
+    remaining = iter(arguments)
+    for argument in remaining:
+        name, equals, value = argument.partition("=")
+        if name != OPTION:
+            rest.append(argument)
+            continue
+        version = value if equals else next(remaining, "")
+        if not re.fullmatch(r"\d+(\.\w+)+", version):
+            raise ValueError(f"{OPTION} is {version!r}, which is no version. Give one, such as {OPTION} 0.6.1")
+        wanted.append(version)
+    return wanted, rest
+
+
+def version_of(name: str) -> Version:
+    """Return how a version of LeRobot is installed. A version that is not in ``VERSIONS`` is installed like the
+    newest one there."""
+    known = next((version for version in VERSIONS if version.lerobot == name), None)
+    return VERSIONS[-1]._replace(lerobot=name) if known is None else known
 
 
 def _run(version: Version, arguments: list[str]) -> int:
@@ -46,7 +75,7 @@ def _run(version: Version, arguments: list[str]) -> int:
     python = str(environment / "bin" / "python")
     done = environment / "strands-actors"
     lerobot = f"lerobot[{version.extras}]=={version.lerobot}"
-    made_of = f"{lerobot} {OURS}"
+    made_of = " ".join((lerobot, *OURS))
     if not done.exists() or done.read_text() != made_of:
         found = interpreter(version.python)
         if found is None:
@@ -54,13 +83,15 @@ def _run(version: Version, arguments: list[str]) -> int:
             return 2
         _do(found, "-m", "venv", str(environment))
         _do(python, "-m", "pip", "install", lerobot)
-        _do(python, "-m", "pip", "install", "-e", OURS, "pytest>=8.3", "hypothesis>=6.120")
+        _do(python, "-m", "pip", "install", *OURS)
         done.write_text(made_of)
-    # Not editable: LeRobot has to find it as it finds what people install.
+    # Not editable: LeRobot has to find it as it finds what people install. Without its dependencies, because a
+    # version that is tried for the first time is beyond its bounds.
     _do(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(PLUGIN))
     print(f"$ lerobot {version.lerobot}, Python {version.python}", flush=True)
     which = [] if _names_a_test(arguments) else [str(Path(__file__).parent)]
-    command = [python, "-m", "pytest", "-p", "no:cacheprovider", *arguments, *which]
+    selected = [] if "-m" in arguments else ["-m", "not long"]
+    command = [python, "-m", "pytest", "-p", "no:cacheprovider", *selected, *arguments, *which]
     return subprocess.run(command, cwd=ROOT).returncode
 
 

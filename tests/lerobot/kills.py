@@ -1,13 +1,16 @@
 """SIGKILL of ``lerobot-teleoperate`` at random moments, by hand, in one of the environments:
 
     python -m tests.lerobot.kills 50            our robot
-    python -m tests.lerobot.kills 50 theirs     LeRobot's own so101_follower, on the same twin
+    python -m tests.lerobot.kills 50 theirs     LeRobot's own class of it, on the same twin
+    python -m tests.lerobot.kills 50 --leader   our robot, led by LeRobot's own leader on ``on_rustypot.py``
 
-LeRobot is imported once; each trial is a fork of that process which runs LeRobot's own ``main``.
+``--robot koch`` takes a Koch in place of an SO-101. LeRobot is imported once; each trial is a fork of that process
+which runs LeRobot's own ``main``.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import random
@@ -17,27 +20,73 @@ import statistics
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 from strands_actors.testing import Twin
 from strands_actors.testing import twin as twin_module
 from strands_actors.testing.trials import subject
 
-from .calibration import NAME, write
+from .calibration import MOTORS, NAME, write
+from .rustypot_registers import Registers
 
-STARTS_S = 180.0
+STARTS_S, STARTS = 180.0, 5
 LATEST_S = 2.0
 """After the first setpoint."""
 LOOK_S = 2.0
 """How long after the kill the torque is looked at."""
-TORQUE_ENABLE = 40
 ASKED = 10
+MODELS = {
+    "so101": ("sts3215",) * 6,
+    "koch": ("xl430-w250",) * 2 + ("xl330-m288",) * 4,
+}
+
+
+class Kill(NamedTuple):
+    """One trial: milliseconds to the frame that takes the torque (None: there is no such frame), setpoints after
+    it or else after the kill, and the number of servos that have torque ``LOOK_S`` later."""
+
+    safe_ms: float | None
+    setpoints_after: int
+    with_torque: int
 
 
 def main() -> None:
-    repeats, theirs = int(sys.argv[1]), sys.argv[2:] == ["theirs"]
+    parser = argparse.ArgumentParser(prog="python -m tests.lerobot.kills")
+    parser.add_argument("repeats", type=int)
+    parser.add_argument("whose", choices=("ours", "theirs"), nargs="?", default="ours")
+    parser.add_argument("--robot", choices=tuple(MODELS), default="so101")
+    parser.add_argument("--leader", action="store_true")
+    given = parser.parse_args()
+    found, loads = [], []
+    for one in kills(given.robot, given.repeats, given.whose == "theirs", given.leader):
+        found.append(one)
+        loads.append(os.getloadavg()[0])
+        print(*one, flush=True)
+    times = sorted(one.safe_ms for one in found if one.safe_ms is not None)
+    led = ", led by LeRobot's leader on rustypot" if given.leader else ""
+    print(f"{given.robot} ({given.whose}){led}, {given.repeats} kills, lerobot {version('lerobot')}")
+    print("; ".join(subject().values()), f"load {min(loads):.1f} to {max(loads):.1f}", sep="; ")
+    print(f"a frame that takes the torque: {len(times)}")
+    if times:
+        print(f"after {statistics.median(times):.1f} ms (median), {times[-1]:.1f} ms (worst)")
+    print(f"setpoints after it: {sum(one.setpoints_after for one in found)}")
+    print(f"servos with torque {LOOK_S:g} s later: {Counter(one.with_torque for one in found)}")
+
+
+def kills(robot: str, repeats: int, theirs: bool = False, leader: bool = False) -> Iterator[Kill]:
+    """Yield the trials. The twins run through all of them.
+
+    Args:
+        robot: A robot of ``MODELS``.
+        repeats: The number of trials.
+        theirs: True for LeRobot's own class of the robot.
+        leader: True for LeRobot's leader on rustypot, False for a sine.
+    """
     home = Path(tempfile.mkdtemp(prefix="kills-"))
     os.environ |= {"HF_HOME": str(home), "HF_HUB_OFFLINE": "1", "STRANDS_ACTORS_RUN": str(home)}
     from lerobot.scripts import lerobot_teleoperate
@@ -45,44 +94,47 @@ def main() -> None:
 
     register_third_party_plugins()  # its main does so, too: then it is done
     twin_module.PATIENCE_S = STARTS_S
-    with Twin("so101", home) as twin:
-        ours = ["--robot.type=strands_so101"]
-        robot = _calibrated(home) if theirs else ours
-        sys.argv = ["lerobot-teleoperate", *robot, f"--robot.port={twin.port}"]
-        sys.argv += ["--teleop.discover_packages_path=tests.lerobot.sine", "--teleop.type=sine", "--fps=30"]
-        found, loads = [], []
-        for _ in range(repeats):
-            found.append(_trial(twin, lerobot_teleoperate.main))
-            loads.append(os.getloadavg()[0])
-            print(*found[-1], flush=True)
-    times = sorted(safe_ms for safe_ms, _, _ in found if safe_ms is not None)
-    print(f"{'their' if theirs else 'our'} so101, {repeats} kills, lerobot {version('lerobot')}")
-    print("; ".join(subject().values()), f"load {min(loads):.1f} to {max(loads):.1f}", sep="; ")
-    print(f"a frame that takes the torque: {len(times)}")
-    if times:
-        print(f"after {statistics.median(times):.1f} ms (median), {times[-1]:.1f} ms (worst)")
-    print(f"setpoints after it: {sum(after for _, after, _ in found)}")
-    print(f"servos with torque {LOOK_S:g} s later: {Counter(torque for _, _, torque in found)}")
-    shutil.rmtree(home)
-
-
-def _calibrated(home: Path) -> list[str]:
     write(home)
-    return ["--robot.type=so101_follower", f"--robot.id={NAME}", f"--robot.calibration_dir={home}"]
+    try:
+        with contextlib.ExitStack() as twins:
+            twin = twins.enter_context(Twin(robot, home))
+            known = (f"--robot.type={robot}_follower", f"--robot.id={NAME}", f"--robot.calibration_dir={home}")
+            kind = known if theirs else (f"--robot.type=strands_{robot}",)
+            teleop = _leader(robot, home, twins) if leader else SINE
+            sys.argv = ["lerobot-teleoperate", *kind, f"--robot.port={twin.port}", *teleop, "--fps=30"]
+            for _ in range(repeats):
+                yield _trial(twin, lerobot_teleoperate.main)
+    finally:
+        shutil.rmtree(home)
 
 
-def _trial(twin: Twin, run: object) -> tuple[float | None, int, int]:
-    """Return milliseconds to the frame that takes the torque, setpoints after it (or after the
-    kill), and how many servos have torque then."""
+SINE = ("--teleop.discover_packages_path=tests.lerobot.sine", "--teleop.type=sine")
+
+
+def _leader(robot: str, home: Path, twins: contextlib.ExitStack) -> tuple[str, ...]:
+    (home / "leader").mkdir()
+    leader = twins.enter_context(Twin(f"{robot}_leader", home / "leader"))
+    return (
+        "--teleop.discover_packages_path=tests.lerobot.on_rustypot",
+        f"--teleop.type={robot}_leader",
+        f"--teleop.port={leader.port}",
+        f"--teleop.id={NAME}",
+        f"--teleop.calibration_dir={home}",
+    )
+
+
+def _trial(twin: Twin, run: Callable[[], object], starts: int = STARTS) -> Kill:
     os.truncate(twin.log.path, 0)
+    output = twin.log.path.with_name("output")
     pid = os.fork()
     if pid == 0:
-        _child(run)
+        _child(run, output)
     deadline_s = time.monotonic() + STARTS_S
     while not twin.log.host("setpoint"):
         assert time.monotonic() < deadline_s, "it does not move"
         if os.waitpid(pid, os.WNOHANG) != (0, 0):  # it did not connect: no trial
-            return _trial(twin, run)
+            assert starts, f"it ends before it moves: {output.read_text()}"
+            return _trial(twin, run, starts - 1)
         time.sleep(0.05)
     time.sleep(random.uniform(0.0, LATEST_S))
     killed_ns = time.monotonic_ns()
@@ -92,35 +144,29 @@ def _trial(twin: Twin, run: object) -> tuple[float | None, int, int]:
     safe = twin.log.first_safe(killed_ns)
     safe_ms = None if safe is None else (safe.t_ns - killed_ns) / 1e6
     after = len(twin.log.host("setpoint", killed_ns)) if safe is None else twin.log.setpoints_after_safe(killed_ns)
-    return safe_ms, after, _with_torque(twin.port)
+    return Kill(safe_ms, after, _with_torque(twin))
 
 
-def _child(run: object) -> None:
-    assert callable(run)
-    with contextlib.suppress(BaseException):
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
+def _child(run: Callable[[], object], output: Path) -> None:
+    written = os.open(output, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+    os.dup2(written, 1)
+    os.dup2(written, 2)
+    try:
         run()
+    except BaseException:
+        traceback.print_exc()
     os._exit(1)
 
 
-def _with_torque(port: str) -> int:
+def _with_torque(twin: Twin) -> int:
     """Ask the servos, when nobody else has the port."""
-    import scservo_sdk as scs
-
-    handler, packets = scs.PortHandler(port), scs.PacketHandler(0)
-    assert handler.openPort() and handler.setBaudRate(1_000_000)
-    energised = 0
-    for motor in range(1, 7):
-        for _ in range(ASKED):  # a busy machine reads too late
-            value, failed, _ = packets.read1ByteTxRx(handler, motor, TORQUE_ENABLE)
-            if not failed:
-                break
-        assert not failed, f"servo {motor} does not answer"
-        energised += bool(value)
-    handler.closePort()
-    return energised
+    models = zip(MOTORS, enumerate(MODELS[twin.robot], start=1), strict=True)
+    servos = Registers(twin.port, dict(models))
+    servos.open()
+    try:
+        return sum(servos.sync_read("Torque_Enable", MOTORS, ASKED).values())
+    finally:
+        servos.close()
 
 
 if __name__ == "__main__":

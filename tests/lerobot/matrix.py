@@ -5,6 +5,7 @@
 It is measured as every other column is (``strands-actors matrix``), on the same twins. Columns are
 of a robot and a version of LeRobot; those that are not measured stay on the page. ``--resume FILE``
 keeps each trial, and goes on with those that are there. ``--only VICTIM`` measures those cells.
+``--rustypot`` gives LeRobot's classes the bus of ``on_rustypot.py``.
 """
 
 from __future__ import annotations
@@ -73,6 +74,7 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--only", default="")
+    parser.add_argument("--rustypot", action="store_true")
     parser.add_argument("-o", dest="out", type=Path)
     given = parser.parse_args()
     twin.PATIENCE_S = bench.START_S = IMPORTS_S
@@ -84,7 +86,8 @@ def main() -> int:
 
 
 def _measure(given: argparse.Namespace) -> int:
-    drivers = {robot: measured.CLASSES[robot] for robot in given.robots.split(",")}
+    classes = measured.ON_RUSTYPOT if given.rustypot else measured.CLASSES
+    drivers = {robot: classes[robot] for robot in given.robots.split(",")}
     trials = Trials(given.resume, 1)
 
     def wanted(robot: str, driver: Driver) -> Iterator[Cell]:
@@ -99,8 +102,9 @@ def _measure(given: argparse.Namespace) -> int:
                 except bench.NotMoving as why:
                     problems.append(str(why))
     rows = list(rows_of(drivers, trials, wanted))
+    bus = ", bus on rustypot" if given.rustypot else ""
     columns = {
-        f"{robot}, lerobot {version('lerobot')}": column for robot, column in columns_of(rows, trials).items()
+        f"{robot}, lerobot {version('lerobot')}{bus}": column for robot, column in columns_of(rows, trials).items()
     }
     if given.out is None:
         print(page(columns, INTRODUCTION))

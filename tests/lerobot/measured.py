@@ -31,7 +31,12 @@ class Measured(LeRobotDriver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         folder = os.environ[CALIBRATED]
         known = {"tool_name": calibration.NAME, "calibration_dir": folder}
-        return cls.options_of(get_lerobot_class(robot), robot, known)
+        return cls.options_of(cls.follower(robot), robot, known)
+
+    @classmethod
+    def follower(cls, robot: str) -> type[Any]:
+        """Return the class of the object that the wire process makes."""
+        return get_lerobot_class(robot)
 
 
 class SO101(Measured):
@@ -44,7 +49,27 @@ class Koch(Measured):
     TWIN: ClassVar[str] = load(WIRES["dynamixel"]).TWIN
 
 
+class OnRustypot:
+    """LeRobot's class on a bus as LeRobot 0.7 has it. Name this class before the robot's."""
+
+    @classmethod
+    def follower(cls, robot: str) -> type[Any]:
+        from . import on_rustypot
+
+        follower: type[Any] = on_rustypot.CLASSES[robot]
+        return follower
+
+
+class SO101OnRustypot(OnRustypot, SO101):
+    pass
+
+
+class KochOnRustypot(OnRustypot, Koch):
+    pass
+
+
 CLASSES: dict[str, type[Measured]] = {"so101": SO101, "koch": Koch}
+ON_RUSTYPOT: dict[str, type[Measured]] = {"so101": SO101OnRustypot, "koch": KochOnRustypot}
 
 
 def calibrate(folder: Path) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import time
 import zipfile
 from pathlib import Path
@@ -32,6 +33,16 @@ def twin(tmp_path: Path) -> Any:
 
 
 # -- before it is connected
+
+
+def test_one_module_has_all_that_is_used_of_lerobot() -> None:
+    users = {
+        path.stem
+        for path in (PLUGIN / PLUGIN.name).glob("*.py")
+        for line in path.read_text().splitlines()
+        if re.match(r"\s*(from|import) lerobot\b", line)
+    }
+    assert users == {"lerobot_api"}
 
 
 def test_lerobot_finds_it_by_the_name_of_its_distribution_and_each_class_by_its_config(

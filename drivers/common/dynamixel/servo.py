@@ -185,6 +185,15 @@ class Servo(TwinServo):
     def alert(self) -> int:
         return p.ALERT if self.table[t.HARDWARE_ERROR.address] else 0
 
+    def set_identity(self, servo_id: int | None, firmware: str | None) -> None:
+        factory = bytearray(self.factory)
+        if servo_id is not None:
+            factory[t.ID.address] = servo_id
+        if firmware is not None:
+            factory[t.FIRMWARE.address] = int(firmware)
+        self.factory = bytes(factory)
+        self._eeprom[:] = self.factory[: t.EEPROM_END]
+
     def power_cycle(self) -> None:
         """Simulate a power cycle. The EEPROM is kept and the RAM gets its values at delivery. The torque is off,
         and the goal is the joint's position [assumed]."""

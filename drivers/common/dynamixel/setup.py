@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from strands_actors.drivers.common.kit.calibration import MotorCalibration
 from strands_actors.drivers.common.servo.axes import TOP, Axis
 from strands_actors.drivers.common.servo.handshake import block, command
-from strands_actors.drivers.common.servo.setup import HALF_TURN, Setup
+from strands_actors.drivers.common.servo.setup import ServoState, Setup
+from strands_actors.drivers.common.servo.sweep import HALF_TURN
 
 from . import protocol as p
 from . import table as t
@@ -17,6 +20,16 @@ _INVERTED = 1
 class DynamixelSetup(Setup[p.Packet]):
     CODEC = p
     SAFING = DynamixelSafing
+    REGISTERS = {  # noqa: RUF012
+        "mode": t.MODE,
+        "drive_mode": t.DRIVE_MODE,
+        "homing_offset": t.HOMING_OFFSET,
+        "range_min": t.MIN_POSITION,
+        "range_max": t.MAX_POSITION,
+    }
+    OFFSET_SIGN = -1
+    OFFSET_MOVES_END = False
+    HORN_TEETH = None
     _model = (t.MODEL.address, t.MODEL.size)
 
     async def unlock(self, axis: Axis) -> None:
@@ -25,25 +38,25 @@ class DynamixelSetup(Setup[p.Packet]):
     async def lock(self, axis: Axis) -> None:
         """Do nothing."""
 
-    async def read_calibration(self, axis: Axis) -> MotorCalibration:
+    async def read_state(self, axis: Axis) -> ServoState:
         eeprom = await block(self.bus, p, axis, 0, t.EEPROM_END)
-        low, high = t.MIN_POSITION.decode(eeprom, 0), t.MAX_POSITION.decode(eeprom, 0)
+        registers = {name: register.decode(eeprom, 0) for name, register in self.REGISTERS.items()}
+        return ServoState(t.MODEL.decode(eeprom, 0), str(t.FIRMWARE.decode(eeprom, 0)), registers)
+
+    def registers_of(self, axis: Axis, motor: MotorCalibration, present: Mapping[str, int]) -> dict[str, int]:
+        return {
+            "mode": self.config.modes.get(axis.key, t.EXTENDED_POSITION_MODE),
+            "drive_mode": present["drive_mode"] & ~_INVERTED | motor.drive_mode,
+            "homing_offset": motor.homing_offset,
+            "range_min": motor.range_min,
+            "range_max": motor.range_max,
+        }
+
+    def calibration_in(self, axis: Axis, registers: Mapping[str, int]) -> MotorCalibration:
+        low, high = registers["range_min"], registers["range_max"]
         if not low < high <= TOP:
             low, high = 0, TOP
-        inverted = t.DRIVE_MODE.decode(eeprom, 0) & _INVERTED
-        return MotorCalibration(axis.id, inverted, t.HOMING_OFFSET.decode(eeprom, 0), low, high)
-
-    async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
-        eeprom = await block(self.bus, p, axis, 0, t.EEPROM_END)
-        others = t.DRIVE_MODE.decode(eeprom, 0) & ~_INVERTED
-        for register, value in (
-            (t.MODE, self.config.modes.get(axis.key, t.EXTENDED_POSITION_MODE)),
-            (t.DRIVE_MODE, others | motor.drive_mode),
-            (t.HOMING_OFFSET, motor.homing_offset),
-            (t.MIN_POSITION, motor.range_min),
-            (t.MAX_POSITION, motor.range_max),
-        ):
-            await self._write(axis.id, axis, register, value)
+        return MotorCalibration(axis.id, registers["drive_mode"] & _INVERTED, registers["homing_offset"], low, high)
 
     def offset_to_middle(self, position: int) -> int:
         """Return the homing offset with which a servo at ``position`` reports ``HALF_TURN``. The servo adds the

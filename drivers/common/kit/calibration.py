@@ -148,10 +148,19 @@ def save_json(path: Path, content: Mapping[str, Any]) -> None:
     Raises:
         OSError: The file could not be written.
     """
+    save_text(path, json.dumps(content, indent=4))
+
+
+def save_text(path: Path, text: str) -> None:
+    """Write a text file. If writing fails, an existing file is unchanged.
+
+    Raises:
+        OSError: The file could not be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     new = _beside(path)
     with new.open("w") as file:
-        json.dump(content, file, indent=4)
+        file.write(text)
         file.flush()
         os.fsync(file.fileno())
     os.replace(new, path)

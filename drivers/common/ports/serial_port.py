@@ -137,6 +137,12 @@ class SerialPort:
             # could not open the device again.
             with contextlib.suppress(OSError):
                 fcntl.flock(self._fd, fcntl.LOCK_UN)
+        else:
+            # The library of the process that opened the device may have locked it against every other user
+            # (TIOCEXCL). A process that was killed has not released this lock, and it lasts for as long as any
+            # program has the device open.
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._fd, termios.TIOCNXCL)
         os.close(self._fd)
         self._fd = -1
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Generic, NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.kit.calibration import MotorCalibration
@@ -15,14 +15,11 @@ from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, Packe
 from strands_actors.drivers.common.ports.serial_port import BytePort, open_serial
 from strands_actors.kernel.clock import Clock
 
-from .axes import MIDDLE, TOP, Axis
+from .axes import Axis
 from .codec import Codec
 from .config import ServoConfig
 from .handshake import ANSWER_S, block, check_model, command, roll_call
 from .safing import Safing, safing_on
-
-HALF_TURN = MIDDLE - 1
-"""The count at the middle of a joint: half of 4095, as in lerobot."""
 
 SEEK_S = 0.1
 SLOT_S = 0.003
@@ -36,6 +33,24 @@ class FoundServo(NamedTuple):
     id: int
 
 
+class Register(Protocol):
+    """One register that a calibration writes."""
+
+    @property
+    def address(self) -> int: ...
+    def encode(self, value: int) -> bytes: ...
+    def decode(self, data: bytes, base: int | None = None) -> int: ...
+
+
+class ServoState(NamedTuple):
+    """What one servo has stored: its model number, its firmware, and the registers that a calibration writes, by
+    name."""
+
+    model: int
+    firmware: str
+    registers: Mapping[str, int]
+
+
 class Setup(ABC, Generic[PacketT]):
     """Set up the servos of one robot or leader arm on a port. Every method raises ``WireDown`` if it fails.
 
@@ -44,6 +59,14 @@ class Setup(ABC, Generic[PacketT]):
 
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
+    REGISTERS: Mapping[str, Register]
+    """The registers that a calibration writes, by name, in the order in which they are written."""
+    OFFSET_SIGN: int
+    """1 if the servo subtracts its homing offset from the encoder's count, -1 if it adds it."""
+    OFFSET_MOVES_END: bool
+    """True if the homing offset also moves the position at which the servo starts to count at 0 again."""
+    HORN_TEETH: int | None
+    """The number of teeth of the servo's shaft; None if it is not known."""
 
     def __init__(
         self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
@@ -65,17 +88,31 @@ class Setup(ABC, Generic[PacketT]):
     async def lock(self, axis: Axis) -> None: ...
 
     @abstractmethod
-    async def read_calibration(self, axis: Axis) -> MotorCalibration:
-        """Read the calibration that the servo has now, even if it is not valid."""
+    async def read_state(self, axis: Axis) -> ServoState:
+        """Read what the servo has stored."""
 
     @abstractmethod
-    async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
-        """Write the calibration and the operating mode of the joint's servo."""
+    def registers_of(self, axis: Axis, motor: MotorCalibration, present: Mapping[str, int]) -> dict[str, int]:
+        """Return the values of ``REGISTERS`` for a calibration.
+
+        Args:
+            axis: The joint.
+            motor: The calibration.
+            present: The present values.
+        """
+
+    @abstractmethod
+    def calibration_in(self, axis: Axis, registers: Mapping[str, int]) -> MotorCalibration:
+        """Return the calibration that the registers contain. An invalid range counts as a whole turn."""
 
     @abstractmethod
     def offset_to_middle(self, position: int) -> int:
-        """Return the homing offset with which a servo reports ``HALF_TURN`` at ``position``, which was read without
-        an offset."""
+        """Return the homing offset with which a servo reports ``HALF_TURN`` at ``position``, a count of its
+        encoder."""
+
+    @abstractmethod
+    async def _write(self, servo: int, axis: Axis, register: Any, value: int) -> None:
+        """Write one register of the servo with the id ``servo``."""
 
     @abstractmethod
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
@@ -109,6 +146,20 @@ class Setup(ABC, Generic[PacketT]):
         if mute := [axis.label for axis in self.axes if axis.id not in replies]:
             raise WireDown(f"{', '.join(mute)} does not answer. Check cables and power")
         return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
+
+    async def write_registers(self, axis: Axis, values: Mapping[str, int]) -> None:
+        """Write the registers of a calibration, and read them back.
+
+        Args:
+            axis: The joint.
+            values: The value of each of ``REGISTERS``.
+        """
+        await self.unlock(axis)
+        for name, register in self.REGISTERS.items():
+            await self._write(axis.id, axis, register, values[name])
+        await self.lock(axis)
+        if (await self.read_state(axis)).registers != values:
+            raise WireDown(f"{axis.label} did not keep its new values. Check its cable, then try again")
 
     async def seek(self, bauds: Sequence[int] = ()) -> list[FoundServo]:
         """Find all servos that answer at one of ``bauds``. The default tries every baud rate."""
@@ -155,60 +206,3 @@ class Setup(ABC, Generic[PacketT]):
 def _named(axis: Axis, servo: int) -> Axis:
     """Return a copy of the joint ``axis`` in which ``servo`` is the id of its servo."""
     return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
-
-
-# -- the recorded ranges; pure
-
-LEAST_COUNTS = 200
-"""Least travel of a joint, 18 degrees. With less it was not moved at all."""
-
-MOST_COUNTS = 4000
-"""Largest travel of a joint. With more it has passed the end of its encoder, because it did not start in its
-middle."""
-
-
-class Ranges:
-    """The lowest and the highest count of each joint that was recorded so far.
-
-    Args:
-        axes: The joints.
-        whole_turn: Keys of joints that turn without an end.
-    """
-
-    def __init__(self, axes: Sequence[Axis], whole_turn: Sequence[str]) -> None:
-        self.low = {axis.key: MIDDLE for axis in axes}
-        self.high = dict(self.low)
-        self.now: Mapping[str, int] = {}
-        self._whole_turn = frozenset(whole_turn)
-        self._wrapped: set[str] = set()
-
-    def record(self, positions: Mapping[str, int]) -> None:
-        """Record the next positions. The joints must be read so often that a hand cannot turn one by half a turn in
-        between."""
-        for key, count in positions.items():
-            before = self.now.get(key, count)
-            if abs(count - before) > MIDDLE:
-                self._wrapped.add(key)
-            first = key not in self.now
-            self.low[key] = count if first else min(self.low[key], count)
-            self.high[key] = count if first else max(self.high[key], count)
-        self.now = dict(positions)
-
-    def of(self, key: str) -> tuple[int, int]:
-        return (0, TOP) if key in self._whole_turn else (self.low[key], self.high[key])
-
-    def problems(self) -> dict[str, str]:
-        """Return the problem of each joint whose recorded range cannot be used."""
-        problems = {}
-        for key in self.low:
-            if key in self._whole_turn:
-                continue
-            counts = self.high[key] - self.low[key]
-            if self.low[key] < 0 or self.high[key] > TOP:
-                span = f"{self.low[key]} to {self.high[key]}"
-                problems[key] = f"went from {span}, past its encoder's 0 to {TOP}: begin with it in its middle"
-            elif counts < LEAST_COUNTS:
-                problems[key] = "was hardly moved"
-            elif key in self._wrapped or counts > MOST_COUNTS:
-                problems[key] = "passed the end of its encoder: begin with it in its middle"
-        return problems

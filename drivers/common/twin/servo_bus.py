@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar, Unpack
+from typing import Annotated, Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.body import Commander
@@ -13,11 +13,12 @@ from strands_actors.drivers.common.physics.jointed_body import JointedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT
 
+from .assembly import AS_IN_TABLE, BuiltIn, parse_assembly
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
 from .options import TwinOptions
 from .process import Start, run
-from .server import Exchange, Robot
+from .server import Exchange
 
 TORN_FRAME_S = 0.01
 """An incomplete frame is dropped after a pause of so long [assumed]."""
@@ -53,7 +54,8 @@ class Register(Protocol):
 
 
 class Reading(NamedTuple):
-    """Measured values of a simulated servo. ``load`` is its torque as a fraction, -1 to 1, of the stall torque."""
+    """Measured values of a simulated servo, at its own shaft. ``load`` is its torque as a fraction, -1 to 1, of the
+    stall torque."""
 
     rad: float
     rad_s: float
@@ -72,6 +74,7 @@ class TwinServo(ABC):
         """
         self.plant = plant
         self.joint = joint
+        self.built: BuiltIn = AS_IN_TABLE
         self.factory = bytes(table)
         self.table = table
         self._fault = Fault.OK
@@ -91,7 +94,7 @@ class TwinServo(ABC):
         self.aimed_rad = rad
         if rate_rad_s <= 0:
             self.rate_rad_s = 0.0
-            self.plant.set_target(self.joint, rad)
+            self.plant.set_target(self.joint, self.built.joint_rad(rad))
             return
         if self.rate_rad_s == 0.0:
             self._target_rad = self.reading.rad
@@ -114,13 +117,25 @@ class TwinServo(ABC):
         return self._target_rad if self.rate_rad_s else self.aimed_rad
 
     def go_on(self, rad: float, seconds: float) -> None:
-        """Move the target as far as it moves in ``seconds``. ``rad`` is the joint's present position."""
+        """Move the target as far as it moves in ``seconds``. ``rad`` is the servo's present position."""
         step = self.rate_rad_s * seconds
         target = self._target_rad + max(-step, min(step, self.aimed_rad - self._target_rad))
         self._target_rad = max(rad - AHEAD_RAD, min(rad + AHEAD_RAD, target))
-        self.plant.set_target(self.joint, self._target_rad)
+        self.plant.set_target(self.joint, self.built.joint_rad(self._target_rad))
         if self._target_rad == self.aimed_rad:
             self.rate_rad_s = 0.0
+
+    def build_in(self, built: BuiltIn) -> None:
+        """Build the servo into the arm differently from the robot's table, and switch it on."""
+        self.built = built
+        self.reading = self.reading._replace(rad=built.shaft_rad(self.plant.position_rad[self.joint]))
+        self.set_identity(built.id, built.firmware)
+        self.power_cycle()
+
+    @abstractmethod
+    def set_identity(self, servo_id: int | None, firmware: str | None) -> None:
+        """Set the id and the firmware at delivery; None keeps a value. Raise ``ValueError`` for an invalid
+        firmware version."""
 
     @property
     @abstractmethod
@@ -187,6 +202,13 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self._last_received_s = self._targets_moved_s = now_s()
         # Before the first request the arm stays in its first pose.
         self._watched_until_s = -math.inf
+
+    def assemble(self, text: str | None) -> None:
+        """Build servos into the arm differently from the robot's table (``assembly.py``). Raise ``ValueError`` for
+        a text that is wrong."""
+        by_id = {servo.id: servo for servo in self.servos}
+        for servo_id, built in parse_assembly(text, frozenset(by_id)).items():
+            by_id[servo_id].build_in(built)
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
@@ -269,7 +291,8 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             # A servo measures the load of its motor. Without torque it does not notice a hand (a simulation) that
             # moves the joint.
             own = plant.commander(servo.joint) is Commander.WIRE
-            servo.reading = Reading(rad, rad_s, nm / limit_nm if own else 0.0)
+            built = servo.built
+            servo.reading = Reading(built.shaft_rad(rad), built.ratio * rad_s, nm / limit_nm if own else 0.0)
             # A load counts for as long as it is simulated. After a long silence of the bus, the plant skips most of
             # that time, and the load of a moment must not become an overload of seconds.
             servo.protect(plant.time_s)
@@ -282,15 +305,23 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             moved_to_s += step_s
             position = self.plant.position_rad
             for servo in moving_servos:
-                servo.go_on(position[servo.joint], step_s)
+                servo.go_on(servo.built.shaft_rad(position[servo.joint]), step_s)
             self.plant.catch_up(moved_to_s)
 
 
 class BusOptions(TwinOptions, frozen=True):
     link: Annotated[str | None, option("path at which the serial port appears; None: a temporary one")] = None
     wire_time: Annotated[bool, option("whether replies take the time that a UART takes")] = True
+    assembly: Annotated[
+        str | None,
+        option(
+            "servos that are built in otherwise than usual: 3:turned=14.4 (degrees of its horn), 3:ratio=1.5, "
+            "3:id=4, 3:firmware=3.9, separated by commas"
+        ),
+    ] = None
 
 
-def serve(robot: Robot, options: BusOptions, **start: Unpack[Start]) -> None:
+def serve(robot: ServoBus[Any, Any], options: BusOptions, **start: Unpack[Start]) -> None:
     """Serve a simulated robot on a serial port until interrupted (see ``run``)."""
+    robot.assemble(options.assembly)
     run(robot, PtyLine(options.link), wire_time=options.wire_time, **start)

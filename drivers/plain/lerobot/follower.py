@@ -11,24 +11,21 @@ import contextlib
 import dataclasses
 import functools
 import importlib
-import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import os
+from collections.abc import Collection, Mapping, Sequence
 from inspect import signature
 from typing import Any, ClassVar
 
+from . import bus_access
+from .bus_access import GOAL, PRESENT, TORQUE, TRIES
+from .descriptors import descriptors_of, devices_in
 from .types import TYPES, Type
 
-GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
-"""Register names of LeRobot."""
-LOOKS, LOOK_S = 4, 0.03
-"""How often the torque is read back, and the pause in between in seconds, so that late answers arrive."""
 TORQUE_EVERY = 3
 """The torque is read once for this many readings of the positions, about ten times a second. A servo that resets
 or is overloaded stays without torque for longer. Reading the torque each time would use a third of the bus."""
 LIMP = "limp"
 """Fault text of a motor that has lost its torque."""
-TRIES = 2
-"""Number of retries after a bad answer, within the timeout of the call."""
 
 
 class Follower:
@@ -48,6 +45,8 @@ class Follower:
             )
         self._fields = {"id": tool_name, **fields, **({robot_type.port: port} if port is not None else {})}
         self._robot = self._make()
+        self._devices: frozenset[int] = frozenset()
+        """The serial devices of the robot, as they were when it was connected. An unplugged one has no path."""
         self._energised = False
         self._readings = 0
         self.limp: frozenset[str] = frozenset()
@@ -87,9 +86,10 @@ class Follower:
         # The robot was stopped. Only a new connection switches its torque on.
         if robot.is_connected:
             robot.disconnect()
+        self._devices = devices_in(self._fields)
         with contextlib.ExitStack() as stack:
             for bus in self._buses():
-                stack.enter_context(_without_torque(bus))
+                stack.enter_context(bus_access.without_torque(bus))
             robot.connect(**({"calibrate": False} if "calibrate" in signature(robot.connect).parameters else {}))
         if not robot.is_calibrated:
             robot.disconnect()
@@ -99,14 +99,14 @@ class Follower:
             )
         if not robot_type.holds:
             self._energised = True
-        elif failure := self._each([functools.partial(_limp, bus) for bus in self._buses()]):
+        elif failure := self._each([functools.partial(self._limp, bus) for bus in self._buses()]):
             raise ConnectionError(failure)
 
     def _energise(self) -> None:
         for bus in self._buses():
             motors = self._goals(bus)
             # With the goal of an earlier session the arm would jump.
-            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
+            bus.sync_write(GOAL, bus_access.read(bus, PRESENT, motors), normalize=False)
             bus.enable_torque(num_retry=TRIES)
         self._energised, self._readings, self.limp = True, 0, frozenset()
 
@@ -148,14 +148,14 @@ class Follower:
         limp = self._without_torque(path)
         self.limp |= limp
         if motors := [motor for motor in self._goals(bus) if prefix + motor not in limp]:
-            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
+            bus.sync_write(GOAL, bus_access.read(bus, PRESENT, motors), normalize=False)
 
     def _goals(self, bus: Any) -> list[str]:
         """Return the motors of a bus that have a goal register."""
         return list(getattr(self._robot, self._robot_type.goals) if self._robot_type.goals else bus.motors)
 
     def _without_torque(self, path: str) -> frozenset[str]:
-        torque = _read(_attribute_at(self._robot, path), TORQUE)
+        torque = bus_access.read(_attribute_at(self._robot, path), TORQUE)
         return frozenset(_prefix(path) + motor for motor, value in torque.items() if not value)
 
     def stop(self) -> Mapping[str, Any] | None:
@@ -168,11 +168,11 @@ class Follower:
         buses = self._buses()
         # LeRobot switches off one motor after the other, and gives up at the first motor that does not answer. So
         # first send one frame per bus that reaches all motors, without waiting for an answer.
-        at_once = [functools.partial(_torque_off, bus) for bus in buses]
+        at_once = [functools.partial(self._torque_off, bus) for bus in buses]
         failure = self._each([*at_once, *calls])
         # After a failure, replies may still be on the bus. Then two readings in a row must show that there is no
         # torque.
-        energised = self._each([functools.partial(_limp, bus, 2 if failure else 1) for bus in buses])
+        energised = self._each([functools.partial(self._limp, bus, 2 if failure else 1) for bus in buses])
         if buses and not energised:
             return None
         failure = "; ".join(filter(None, (failure, energised)))
@@ -197,69 +197,22 @@ class Follower:
 
     def descriptors(self) -> list[int]:
         """Return the descriptors of the open serial ports, if this package's own driver can stop the robot by
-        them."""
-        return [bus.port_handler.ser.fileno() for bus in self._buses()] if self._robot_type.wire else []
+        them. They do not block from then on."""
+        ports = descriptors_of(self._devices) if self._robot_type.wire else []
+        for descriptor in ports:
+            # The process that stops the robot uses a duplicate, which shares this mode. It must never wait for a
+            # byte. rustypot opens its port so that a read would wait.
+            os.set_blocking(descriptor, False)
+        return ports
+
+    def _limp(self, bus: Any, agreeing: int = 1) -> None:
+        bus_access.require_limp(bus, descriptors_of(self._devices), agreeing)
+
+    def _torque_off(self, bus: Any) -> None:
+        bus_access.torque_off(bus, descriptors_of(self._devices))
 
     def _buses(self) -> list[Any]:
         return [_attribute_at(self._robot, path) for path in self._robot_type.buses]
-
-
-@contextlib.contextmanager
-def _without_torque(bus: Any) -> Iterator[None]:
-    """Keep the torque off while LeRobot configures the motors. LeRobot would switch it on at the end, and the
-    motors would move to the goals of an earlier session."""
-    # An attribute of this object replaces the method of its class.
-    bus.enable_torque = lambda *args, **keywords: None
-    try:
-        yield
-        bus.disable_torque(num_retry=TRIES)  # the torque may already be on from an earlier session
-    finally:
-        del bus.enable_torque
-
-
-def _forget(bus: Any) -> None:
-    """Discard the bytes that were received, since LeRobot would take a late reply for the reply to its next
-    request."""
-    serial = getattr(getattr(bus, "port_handler", None), "ser", None)
-    if serial is not None:
-        serial.reset_input_buffer()
-
-
-def _torque_off(bus: Any) -> None:
-    _forget(bus)
-    bus.sync_write(TORQUE, dict.fromkeys(bus.motors, 0), normalize=False)
-
-
-def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[str, int]:
-    """Return the raw value of a register of each motor. Feetech's first protocol version has no frame that reads
-    all motors, so it reads them one by one."""
-    if getattr(bus, "protocol_version", None) == 1:
-        return {
-            motor: bus.read(register, motor, num_retry=TRIES, normalize=False) for motor in motors or bus.motors
-        }
-    values: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
-    return values
-
-
-def _limp(bus: Any, agreeing: int = 1) -> None:
-    """Raise ``ConnectionError`` unless all motors report that they have no torque. ``agreeing`` is the number of
-    readings in a row that must show it."""
-    limp_readings, reason = 0, ""
-    for look in range(LOOKS):
-        if look:
-            time.sleep(LOOK_S)
-        _forget(bus)
-        try:
-            energised = [motor for motor, value in _read(bus, TORQUE).items() if value]
-        except ConnectionError as error:
-            energised, reason = list(bus.motors), str(error)
-        else:
-            if energised:
-                reason = f"{', '.join(energised)} still has torque"
-        limp_readings = 0 if energised else limp_readings + 1
-        if limp_readings == agreeing:
-            return
-    raise ConnectionError(reason)
 
 
 def _prefix(path: str) -> str:

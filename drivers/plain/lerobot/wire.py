@@ -9,7 +9,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
 
 from ..wire import PlainWire, reports
 from .follower import LIMP
@@ -20,6 +20,12 @@ class LeRobotWire(PlainWire):
     async def open(self) -> dict[str, Any]:
         facts = await super().open()
         robot_type = TYPES[self._config.robot]
+        if robot_type.wire and not self.handover():
+            raise WireDown(
+                f"LeRobot's {robot_type.type} is connected, but its port is not open in this process, so that no "
+                "other process could switch the torque off. Install a version of LeRobot that this package was "
+                "tried with (docs/lerobot.md)"
+            )
         ours = "torque off by our own codec, on the port that it has open, or opened anew"
         return {**facts, "lerobot_type": robot_type.type, **({"stop_channel": ours} if robot_type.wire else {})}
 
@@ -65,6 +71,7 @@ class LeRobotWire(PlainWire):
         return () if TYPES[self._config.robot].wire else await super().reach(safe_state)
 
     def handover(self) -> Sequence[int]:
+        if not TYPES[self._config.robot].wire:
+            return super().handover()
         made = self._instance.made
-        ours = [] if made is None else made.descriptors()
-        return ours or super().handover()
+        return () if made is None else made.descriptors()

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from lerobot.cameras import CameraConfig
-from lerobot.robots import RobotConfig
+from .lerobot_api import CameraConfig, RobotConfig
 
 REFUSALS = 30
 """One second at LeRobot's usual rate (30 Hz)."""

@@ -4,12 +4,11 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot.robots import RobotConfig
-
 from strands_actors import Robot, list_native_drivers
 from strands_actors.contract import PartKind
 
 from .configs import LocalConfig, RemoteConfig
+from .lerobot_api import RobotConfig
 from .robot import StrandsRobot
 
 KINDS = {PartKind.ARM, PartKind.GRIPPER, PartKind.BASE}

@@ -9,12 +9,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from lerobot.cameras.utils import make_cameras_from_configs
-from lerobot.robots import Robot
-
 import strands_actors
 
 from .configs import LocalConfig, RemoteConfig, StrandsConfig
+from .lerobot_api import Robot, make_cameras_from_configs
 from .units import features, observed_features
 
 OLDEST_S = 2.0

@@ -434,12 +434,26 @@ def calibrate(
     robot: Kind,
     port: Annotated[str, typer.Option(help="The robot's serial port.")],
     id_: Id = None,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT|firmware",
+            help="Accept another range of this joint than usual, or different firmware. Can be repeated.",
+        ),
+    ] = None,
+    from_: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="Write this calibration file of LeRobot into the servos."),
+    ] = None,
+    undo: Annotated[
+        bool, typer.Option("--undo", help="Put back the values that the servos had before the last calibration.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Calibrate the joints of a robot or a leader, by moving them by hand."""
     from .calibrate import calibrate as run
 
-    raise typer.Exit(run(robot, port, id_, json))
+    raise typer.Exit(run(robot, port, id_, json, accept or (), from_, undo))
 
 
 @app.command("setup-motors")

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import select
-import sys
 from collections.abc import Callable, Sequence
 from glob import glob
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import trio
 
 from strands_actors.caller.resolve.wanted import TOOL_NAMES, is_tool_name
@@ -29,45 +28,105 @@ from strands_actors.drivers import (
 from strands_actors.kernel.clock import MonotonicClock
 
 from .errors import Problem
+from .person import Terminal
 
 CALIBRATE = "strands_actors.drivers.common.servo.calibrating:calibrate"
+PLAN = "strands_actors.drivers.common.servo.calibrating:Plan"
+TAKE_FILE = "strands_actors.drivers.common.servo.recalibrating:take_file"
+PUT_BACK = "strands_actors.drivers.common.servo.recalibrating:put_back"
+KEEP = "strands_actors.drivers.common.kit.calibration_kept:keep"
+LOAD_KEPT = "strands_actors.drivers.common.kit.calibration_kept:load_kept"
+SAVE_TEXT = "strands_actors.drivers.common.kit.calibration:save_text"
+FIRMWARE = "firmware"
 PREPARE = "strands_actors.drivers.common.kit.calibration:prepare"
 SAVE = "strands_actors.drivers.common.kit.calibration:save"
-TURN_S = 0.05
 BY_ID = "/dev/serial/by-id/*"
 
 
-def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int:
-    """Ask the user to move each joint to its middle and through its range. Write the result in LeRobot's
-    calibration file. Return the exit code."""
+def calibrate(
+    robot: str,
+    port: str,
+    robot_id: str | None,
+    as_json: bool,
+    accept: Sequence[str] = (),
+    source: Path | None = None,
+    undo: bool = False,
+) -> int:
+    """Ask the user to move each joint through its range, or take the calibration from elsewhere. Write it into the
+    servos and into LeRobot's calibration file. Return the exit code.
+
+    Args:
+        robot: The robot or leader arm.
+        port: Its serial port.
+        robot_id: Its id; None for its name.
+        as_json: Print the result as JSON.
+        accept: Joints that may have another range than the robot's table, and ``firmware``.
+        source: A calibration file to write, in place of moving the joints.
+        undo: Write the values that the servos had before the last calibration.
+    """
     name, driver_class = of_servos(robot, "calibrate")
     setup = _setup(driver_class, name, port)
-    table = driver_class.TABLES.robots[name]
-    person = Terminal(quiet=as_json)
     path = _file(driver_class, name, name if robot_id is None else robot_id)
+    person = Terminal(quiet=as_json)
+    plan = _plan(driver_class, name, accept)
+    if undo and source is not None:
+        raise Problem("calibrate: --undo and --from were both given. Leave one of them out")
+    motor_ids = {axis.key: axis.id for axis in setup.axes}
+
+    def keep(registers: Any) -> None:
+        try:
+            load(KEEP)(path, name, registers)
+        except (OSError, ValueError) as failure:
+            raise ValueError(f"the present values could not be kept ({failure}). Nothing was changed") from failure
 
     async def run() -> Any:
         try:
-            return await load(CALIBRATE)(
-                setup, person, table.get("whole_turn", ()), table.get("inverted", ()), driver_class.MAX_OFFSET
-            )
+            if undo:
+                kept = load(LOAD_KEPT)(path, name, motor_ids, setup.REGISTERS)
+                return await load(PUT_BACK)(setup, kept.registers, keep), kept.file
+            if source is not None:
+                return await load(TAKE_FILE)(setup, person, plan, source, keep), None
+            return await load(CALIBRATE)(setup, person, plan, keep), None
         finally:
             setup.close()
 
-    motors = run_for_person(run, "calibrate")
+    proposal, text = run_for_person(run, "calibrate")
+    _save(path, proposal.motors, text, undo)
+    if as_json:
+        ranges = {key: [motor.range_min, motor.range_max] for key, motor in proposal.motors.items()}
+        findings = [msgspec.to_builtins(finding) for finding in proposal.findings]
+        print(json.dumps({"robot": name, "file": str(path), "ranges": ranges, "findings": findings}))
+    elif undo:
+        print(f"put back. --undo once more returns to the values that were there. File: {path}")
+    else:
+        print(f"calibrated. LeRobot's file of it: {path}. --undo puts the old values back")
+    return 0
+
+
+def _plan(driver_class: Any, name: str, accept: Sequence[str]) -> Any:
+    table = driver_class.TABLES.robots[name]
+    ranges = {joint["key"]: tuple(joint["range_rad"]) for joint in table["joints"]}
+    if wrong := [word for word in accept if word not in ranges and word != FIRMWARE]:
+        raise Problem(f"calibrate: --accept is {shown(wrong[0])}. Use {FIRMWARE}, {', '.join(ranges)}")
+    return load(PLAN)(
+        ranges, table.get("whole_turn", ()), table.get("inverted", ()), driver_class.MAX_OFFSET, tuple(accept)
+    )
+
+
+def _save(path: Path, motors: Any, text: str | None, undo: bool) -> None:
+    """Write the calibration file. After ``--undo`` it is the earlier one, or there is none."""
     try:
-        load(SAVE)(path, motors)
+        if not undo:
+            load(SAVE)(path, motors)
+        elif text is None:
+            path.unlink(missing_ok=True)
+        else:
+            load(SAVE_TEXT)(path, text)
     except OSError as failure:
         raise Problem(
             f"calibrate: the servos are calibrated, and {path} could not be written ({failure.strerror}). "
             "Make room for it, then calibrate again"
         ) from failure
-    if as_json:
-        ranges = {key: [motor.range_min, motor.range_max] for key, motor in motors.items()}
-        print(json.dumps({"robot": name, "file": str(path), "ranges": ranges}))
-    else:
-        print(f"calibrated. LeRobot's file of it: {path}")
-    return 0
 
 
 def _file(driver_class: Any, name: str, robot_id: str) -> Path:
@@ -194,41 +253,3 @@ def run_for_person(work: Callable[[], Any], verb: str) -> Any:
         return trio.run(work)
     except (WireDown, ValueError) as failure:
         raise Problem(f"{verb}: {failure}") from failure
-
-
-class Terminal:
-    """Prints instructions for the user, and waits until the user presses Enter."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._lines = 0
-        self._quiet = quiet
-        self._redraws = sys.stderr.isatty() and not quiet
-
-    def say(self, text: str) -> None:
-        if not self._quiet:
-            print(text, file=sys.stderr, flush=True)
-
-    async def ready(self, text: str) -> None:
-        """Print an instruction, and wait for Enter."""
-        self.say(f"{text}, then press Enter")
-        self._lines = 0
-        while True:
-            readable, _, _ = select.select([sys.stdin], [], [], 0)
-            if readable:
-                if not sys.stdin.readline():
-                    raise ValueError(
-                        "standard input has ended, so Enter cannot be pressed. Run this command in a terminal"
-                    )
-                return
-            await trio.sleep(TURN_S)
-
-    def show(self, ranges: Any) -> None:
-        """Print the range of each joint over the previous output. Do nothing if stderr is not a terminal."""
-        if not self._redraws:
-            return
-        up = f"\x1b[{self._lines}A" if self._lines else ""
-        rows = [
-            f"\x1b[K{key:16} {ranges.low[key]:5} {ranges.now[key]:5} {ranges.high[key]:5}" for key in ranges.now
-        ]
-        print(up + "\n".join([f"\x1b[K{'joint':16} {'low':>5} {'now':>5} {'high':>5}", *rows]), file=sys.stderr)
-        self._lines = len(rows) + 1

@@ -11,8 +11,9 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.clock import MonotonicClock
 
-from .calibrate import Terminal, of_servos, run_for_person
+from .calibrate import of_servos, run_for_person
 from .errors import Problem
+from .person import Terminal
 
 TEACH = "strands_actors.drivers.common.servo.resting:teach"
 SAVE = "strands_actors.drivers.common.kit.calibration:save_json"

@@ -3,12 +3,15 @@ LeRobot; ``python -m tests lerobot`` uses the real one."""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import signal
 import sys
+import termios
 import time
+import tty
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,7 +22,7 @@ from strands_actors import Robot
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load
 from strands_actors.drivers import LEROBOT, canonical_name, lerobot_missing, list_driver_coverage
-from strands_actors.drivers.plain.lerobot import follower
+from strands_actors.drivers.plain.lerobot import bus_access, follower
 from strands_actors.drivers.plain.lerobot.follower import class_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
@@ -219,16 +222,18 @@ def test_a_bus_without_sync_read_is_read_motor_by_motor() -> None:
     """LeRobot's bus of a HopeJR hand raises for a sync read."""
 
     class Bus:
-        protocol_version = 1
         motors = ("thumb", "index")
         torque: ClassVar[dict[str, int]] = {"thumb": 0, "index": 1}
 
+        def sync_read(self, *_: object, **__: object) -> None:
+            raise NotImplementedError("'Sync Read' is not available")
+
         def read(self, register: str, motor: str, *, num_retry: int, normalize: bool) -> int:
-            assert register == follower.TORQUE and not normalize
+            assert register == bus_access.TORQUE and not normalize
             return self.torque[motor]
 
     with pytest.raises(ConnectionError, match="index still has torque"):
-        follower._limp(Bus())
+        bus_access.require_limp(Bus(), ())
 
 
 def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin, arm: Any) -> None:
@@ -266,11 +271,11 @@ class Half:
     def sync_read(
         self, register: str, motors: list[str] | None, *, num_retry: int, normalize: bool
     ) -> dict[str, int]:
-        known = self.torque if register == follower.TORQUE else dict.fromkeys(self.motors, 2048)
+        known = self.torque if register == bus_access.TORQUE else dict.fromkeys(self.motors, 2048)
         return {motor: known[motor] for motor in motors or self.motors}
 
     def sync_write(self, register: str, values: dict[str, int], *, normalize: bool) -> None:
-        assert register == follower.GOAL
+        assert register == bus_access.GOAL
         self.goals |= values
 
     def enable_torque(self, num_retry: int) -> None:
@@ -335,16 +340,17 @@ class Late:
 
     def __init__(self, answers: list[dict[str, int] | Exception]) -> None:
         self.answers = answers
-        self.port_handler = self
-        self.ser = self
-        self.forgotten = 0
-
-    def reset_input_buffer(self) -> None:
-        self.forgotten += 1
+        self.robot, self.port = os.openpty()
+        tty.setraw(self.port)
+        self.unread: list[int] = []
 
     def sync_read(
         self, register: str, motors: None, *, num_retry: int, normalize: bool
     ) -> dict[str, int] | Exception:
+        count = bytearray(4)
+        fcntl.ioctl(self.port, termios.FIONREAD, count)
+        self.unread.append(int.from_bytes(count, sys.byteorder))
+        os.write(self.robot, b"a late answer")
         answer = self.answers.pop(0)
         if isinstance(answer, Exception):
             raise answer
@@ -372,9 +378,9 @@ def test_saf_005_one_reading_of_a_bus_with_late_answers_confirms_nothing(
 ) -> None:
     bus = Late([*answers])
     if limp:
-        follower._limp(bus, agreeing)
+        bus_access.require_limp(bus, (bus.port,), agreeing)
     else:
         with pytest.raises(ConnectionError, match=r"lift still has torque|no status packet"):
-            follower._limp(bus, agreeing)
-    assert bus.forgotten == len(answers), "late bytes are dropped before each request"
+            bus_access.require_limp(bus, (bus.port,), agreeing)
+    assert bus.unread == [0] * len(answers), "late bytes are dropped before each request"
     assert not bus.answers

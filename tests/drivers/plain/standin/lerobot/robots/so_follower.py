@@ -1,5 +1,5 @@
-"""An arm of Feetech servos, by the vendor's client. As with LeRobot, connecting configures the motors without
-torque. Then it restores the torque, with any goals."""
+"""An arm of Feetech servos, by the vendor's client as in LeRobot 0.4 to 0.6, or by rustypot as in LeRobot 0.7. As
+with LeRobot, connecting configures the motors without torque. Then it restores the torque, with any goals."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import scservo_sdk as scs
+
+from tests.lerobot.rustypot_registers import Registers
 
 from . import Robot, RobotConfig
 
@@ -26,9 +28,12 @@ class SO101FollowerConfig(RobotConfig):
     cameras: Any = None
     use_degrees: bool = False
     disable_torque_on_disconnect: bool = True
+    bus: str = "vendor"
 
 
 class Bus:
+    """The bus with the vendor's client."""
+
     def __init__(self, port: str) -> None:
         self.port_handler = scs.PortHandler(port)
         self._packets = scs.PacketHandler(0)
@@ -87,10 +92,47 @@ class Bus:
                 raise ConnectionError(f"Failed to write torque on {motor}")
 
 
+class RustypotBus(Bus):
+    """The bus without any object of a vendor's: it has no ``port_handler``."""
+
+    def __init__(self, port: str) -> None:
+        self.motors = dict.fromkeys(MOTORS)
+        self._bus = Registers(port, {motor: (at, "sts3215") for at, motor in enumerate(MOTORS, start=1)})
+
+    @property
+    def is_connected(self) -> bool:  # type: ignore[override]
+        return self._bus.is_open
+
+    def connect(self) -> None:
+        self._bus.open()
+
+    def disconnect(self, disable_torque: bool) -> None:
+        if disable_torque:
+            self.disable_torque(num_retry=5)
+        self._bus.close()
+
+    def sync_read(
+        self, name: str, motors: Any = None, *, num_retry: int = 0, normalize: bool = True
+    ) -> dict[str, float]:
+        raw = self._bus.sync_read(name, motors or MOTORS, num_retry)
+        return {motor: _degrees(motor, value) if normalize else value for motor, value in raw.items()}
+
+    def sync_write(self, name: str, values: Mapping[str, float], *, normalize: bool = True) -> None:
+        raw = {motor: _counts(motor, value) if normalize else int(value) for motor, value in values.items()}
+        self._bus.sync_write(name, raw)
+
+    def _torque(self, value: int) -> None:
+        for motor in MOTORS:
+            self._bus.write("Torque_Enable", motor, value)
+
+
+BUSES = {"vendor": Bus, "rustypot": RustypotBus}
+
+
 class SO101Follower(Robot):
     def __init__(self, config: SO101FollowerConfig) -> None:
         self.config = config
-        self.bus = Bus(config.port)
+        self.bus = BUSES[config.bus](config.port)
         file = Path(config.calibration_dir or "") / f"{config.id}.json"
         self.is_calibrated = file.is_file() and set(json.loads(file.read_text())) == set(MOTORS)
 
