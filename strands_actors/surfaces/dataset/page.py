@@ -50,5 +50,5 @@ async def serve_keys(
     async def stop() -> str:
         return await stop_by_name(robot, "the recorder's page")
 
-    page = Page(MonotonicClock(), lambda operated: None, press, stop, status, [], f"recording of {robot}")
+    page = Page(MonotonicClock(), lambda operated: None, press, stop, status, [], [], f"recording of {robot}")
     await page.serve(host, port, tell)

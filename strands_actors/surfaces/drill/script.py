@@ -65,9 +65,10 @@ def _raised_by_hand(robot: Any) -> str | None:
     if (problem := _problem(robot.stop())) is not None:
         return problem
     tool = ToolTargets(robot.driver)
-    first = before = tool.place(robot.get_observation())
+    first = tool.place(robot.get_observation())
     if first is None:
         return "not every joint can be read"
+    before = first
     _tell("connected")
     still_s, deadline_s = time.monotonic(), time.monotonic() + BY_HAND_S
     while time.monotonic() < deadline_s:
