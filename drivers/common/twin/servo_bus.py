@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar, Unpack
+from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.body import Commander
@@ -16,8 +16,8 @@ from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
 from .options import TwinOptions
-from .process import Start, run
-from .server import Exchange, Robot
+from .server import Exchange, Robot, Server
+from .wirelog import WireLog
 
 TORN_FRAME_S = 0.01
 """An incomplete frame is dropped after a pause of so long [assumed]."""
@@ -291,6 +291,6 @@ class BusOptions(TwinOptions, frozen=True):
     wire_time: Annotated[bool, option("whether replies take the time that a UART takes")] = True
 
 
-def serve(robot: Robot, options: BusOptions, **start: Unpack[Start]) -> None:
-    """Serve a simulated robot on a serial port until interrupted (see ``run``)."""
-    run(robot, PtyLine(options.link), wire_time=options.wire_time, **start)
+def serve(robot: Robot, options: BusOptions, log: WireLog) -> Server:
+    """Return the server of a simulated robot on a serial port."""
+    return Server(robot, PtyLine(options.link), log, wire_time=options.wire_time)

@@ -10,10 +10,8 @@ import errno
 import functools
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Unpack
-
-import trio
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
@@ -27,13 +25,12 @@ from strands_actors.drivers.common.twin import (
     Handler,
     HostOption,
     Reply,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
     answering,
+    main_of,
     own_host,
-    read_twin_options,
-    run_server,
 )
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of
@@ -59,32 +56,6 @@ class XArmTwinOptions(HostOption, frozen=True):
     speed_limit_rad_s: Annotated[float, option("joint speed limit that the controller reports, in rad/s", gt=0)] = (
         3.14159
     )
-
-
-class Machine:
-    """Set faults and power cycles of the simulated robot."""
-
-    def __init__(self, controller: Controller, faults: Faults) -> None:
-        self.controller = controller
-        self.faults = faults
-
-    def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault.
-
-        Args:
-            fault: The fault.
-            unit: 1 to 7 for one joint, which can only be stuck or ok. None for everything that the controller
-                sends.
-        """
-        if unit is None:
-            self.faults.set(fault)
-        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
-            self.controller.jam(unit - 1, fault is Fault.STUCK)
-        else:
-            raise ValueError(f"a joint (1 to {p.JOINTS}) can be ok or stuck, not {fault}")
-
-    def power_cycle(self) -> None:
-        self.controller.wake_up()
 
 
 class ControlSession:
@@ -126,39 +97,34 @@ class ControlSession:
         return () if reply is None else (reply,)
 
 
-class XArmServer(TcpServer):
-    """Serve the ports of one simulated controller, and advance it with real time."""
+class XArmTwin(TwinRobot):
+    """One simulated controller with its ports. A joint has a number from 1 to 7. After a restart the motors are
+    off."""
 
-    def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
+    PARTS = range(1, p.JOINTS + 1)
+    TICK_S = 1.0 / TICK_HZ
+    RESTART_CUTS = True
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self.controller = controller
-        faults = Faults()
-        self._machine = Machine(controller, faults)
-        self._publisher = Publisher(controller, faults)
-        self._body = SharedBody(controller, lambda: controller.runs)
-        handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
-        for number in HZ:
-            handlers[number] = functools.partial(self._publisher.serve, number)
-        super().__init__(self._machine, handlers, log, host)
+        self.body = SharedBody(controller, lambda: controller.runs)
+        self._publisher = Publisher(controller, self.faults)
 
-    @property
-    def body(self) -> SharedBody:
-        return self._body
+    def handlers(self, port: int) -> dict[int, Handler]:
+        """Return the handlers of the control port ``port`` and of the ports for reports."""
+        control = answering(functools.partial(ControlSession, self.controller, self.faults))
+        return {port: control, **{number: functools.partial(self._publisher.serve, number) for number in HZ}}
 
-    def set_fault(self, text: str) -> None:
-        was_off = self._machine.faults.of(None) is Fault.OFF
-        super().set_fault(text)
-        is_off = self._machine.faults.of(None) is Fault.OFF
-        if is_off:
-            self.power_cycle()
-            self.unplug()
-        elif was_off:
-            self.plug()
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.jam(index, on)
 
     def power_cycle(self) -> None:
-        """Close every connection and restart the controller, with the motors off."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
+        self.controller.wake_up()
+
+    def tick(self) -> None:
+        self.controller.tick()
+        self._publisher.push(time.monotonic())
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -171,15 +137,6 @@ class XArmServer(TcpServer):
             case _:
                 return False
         return True
-
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
-
-    def _tick(self) -> None:
-        self.controller.tick()
-        self._publisher.push(time.monotonic())
 
 
 def may_bind(port: int) -> bool:
@@ -213,19 +170,19 @@ def controller_of(
     return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, XArmTwinOptions, options)
-    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if twin_options.port is None else twin_options.port
-    controller = controller_of(
-        robot,
-        arm_type=twin_options.arm_type,
-        serial=twin_options.serial,
-        firmware=twin_options.firmware,
-        speed_limit_rad_s=twin_options.speed_limit_rad_s,
+def build(robot: str, options: XArmTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot. Raise ``ValueError`` for an unknown ``arm_type``."""
+    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if options.port is None else options.port
+    twin = XArmTwin(
+        controller_of(
+            robot,
+            arm_type=options.arm_type,
+            serial=options.serial,
+            firmware=options.firmware,
+            speed_limit_rad_s=options.speed_limit_rad_s,
+        )
     )
+    return TcpServer(twin, twin.handlers(port), log, options.host)
 
-    def build(wire_log: WireLog) -> XArmServer:
-        return XArmServer(controller, wire_log, twin_options.host, port)
 
-    run_server(build, **start)
+main = main_of(XArmTwinOptions, build)
