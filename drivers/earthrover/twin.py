@@ -9,7 +9,7 @@ import base64
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import msgspec
 
@@ -20,13 +20,11 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.http import Answer, serving
 from strands_actors.drivers.common.twin.modelled import Modelled
@@ -69,7 +67,7 @@ REQUESTS: Modelled[str] = Modelled(
 MODELLED = (REQUESTS,)
 
 
-class RoverTwin:
+class RoverTwin(TwinRobot):
     """The simulated HTTP service. All clients control the same rover."""
 
     def __init__(
@@ -81,24 +79,20 @@ class RoverTwin:
         fix: bool = True,
         rear: bool = True,
     ) -> None:
+        super().__init__()
         watchdog = float(table["watchdog_s"]) if watchdog_s is None else float(watchdog_s)
         self.rover = Rover(table, watchdog, now_s)
         self.body = RoverBody(self.rover, table)
-        self.faults = Faults()
         self._fix = fix
         self._rear = rear
         self._stuck: bytes | None = None
         self.spoken = ""
         """The last text to speak."""
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Simulate a fault of the whole rover. ``unit`` is not used."""
+    def begin_fault(self, fault: Fault) -> None:
         self.rover.pass_time()
         self._stuck = self.data() if fault is Fault.STUCK else None
         self.rover.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.rover.reset()
 
     def power_cycle(self) -> None:
         self.rover.reset()
@@ -228,12 +222,10 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     return RoverTwin(TABLES.table(robot), now_s, **options)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, RoverTwinOptions, options)
-    twin = twin_of(robot, watchdog_s=twin_options.watchdog_s, fix=twin_options.fix, rear=twin_options.rear)
+def build(robot: str, options: RoverTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = twin_of(robot, watchdog_s=options.watchdog_s, fix=options.fix, rear=options.rear)
+    return TcpServer(twin, {options.port: serving(twin)}, log, options.host)
 
-    def build(wire_log: WireLog) -> TcpServer:
-        return TcpServer(twin, {twin_options.port: serving(twin)}, wire_log, twin_options.host)
 
-    run_server(build, **start)
+main = main_of(RoverTwinOptions, build)

@@ -4,21 +4,19 @@ arm."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.websocket import serving_websocket
 from strands_actors.drivers.yahboom.messages import REST, Twist
@@ -38,7 +36,7 @@ class M3ProTwinOptions(NetworkOptions, frozen=True):
     joints: Annotated[bool, option("whether /joint_states is published, which the robot itself does not")] = False
 
 
-class M3ProTwin:
+class M3ProTwin(TwinRobot):
     """One simulated robot, which all clients of its rosbridge share."""
 
     def __init__(
@@ -49,22 +47,17 @@ class M3ProTwin:
         watchdog_s: float | None = None,
         joints: bool = False,
     ) -> None:
+        super().__init__()
         table = table_of(robot)
         servos = table.servos_by((1.0,) * ARM_JOINTS)
         self.mechanism = Mechanism(table, table.watchdog_s if watchdog_s is None else float(watchdog_s), now_s)
-        self.faults = Faults()
         self.graph = Graph(table, self.mechanism, self.faults, servos, joints=joints)
         self.body = M3ProBody(self.mechanism, robot)
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because this robot has no units that can fail
-        separately."""
+    def begin_fault(self, fault: Fault) -> None:
         self.mechanism.pass_time()
         self.graph.freeze_readings(fault is Fault.STUCK)
         self.mechanism.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.mechanism.reset()
 
     def power_cycle(self) -> None:
         self.mechanism.reset()
@@ -137,18 +130,13 @@ class M3ProBody:
         return tuple(servo.radians(value) for servo, value in degrees)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, M3ProTwinOptions, options)
-    twin = M3ProTwin(robot, watchdog_s=twin_options.watchdog_s, joints=twin_options.joints)
-
-    def build(wire_log: WireLog) -> TcpServer:
-        serve = serving(twin.graph)
-        return TcpServer(
-            twin, {twin_options.port: serving_websocket(lambda path: serve)}, wire_log, twin_options.host
-        )
-
-    run_server(build, **start)
+def build(robot: str, options: M3ProTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = M3ProTwin(robot, watchdog_s=options.watchdog_s, joints=options.joints)
+    serve = serving(twin.graph)
+    return TcpServer(twin, {options.port: serving_websocket(lambda path: serve)}, log, options.host)
 
 
-__all__ = ["MODELLED", "BridgeSession", "Graph", "M3ProTwin", "Mechanism", "main"]
+main = main_of(M3ProTwinOptions, build)
+
+__all__ = ["MODELLED", "BridgeSession", "Graph", "M3ProTwin", "Mechanism", "build", "main"]
