@@ -120,8 +120,6 @@ def run_server(build: Callable[[WireLog], SimulatedRobot], **start: Unpack[Start
     Raises:
         ValueError: ``control`` is given, and the robot has no simulated body.
     """
-    if start.get("control") is None or start.get("on_wire"):
-        run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
 
 
@@ -140,6 +138,8 @@ async def _main(
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
+    if control is None or on_wire:
+        run_first(TWIN_PRIORITY)
     opened: Control | None = None
     try:
         if control is not None:
