@@ -118,10 +118,10 @@ class Speed(Motion):
         super().__init__()
         self._goal_rates = list(rates_rad_s)
         self._acceleration = max(acceleration_rad_s2, 1e-3)
-        self._rates: list[float] = (
-            list(before._rates) if isinstance(before, Speed) else [0.0] * len(self._goal_rates)
-        )
-        self._before = before._target if isinstance(before, Speed) else None
+        self._rates = [0.0] * len(self._goal_rates)
+        self._before: Sequence[float] = ()
+        if isinstance(before, Speed):
+            self._rates, self._before = list(before._rates), before._target
 
     def begin(self, plant: Plant) -> None:
         super().begin(plant)
