@@ -36,10 +36,11 @@ from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of
 
 from .controller import TICK_HZ, Controller
+from .modbus import FUNCTIONS, Modbus
 from .publisher import HZ, Publisher
 from .registers import REGISTERS
 
-MODELLED = (REGISTERS,)
+MODELLED = (REGISTERS, FUNCTIONS)
 
 
 class XArmTwinOptions(HostOption, frozen=True):
@@ -61,10 +62,12 @@ class XArmTwinOptions(HostOption, frozen=True):
 class ControlSession:
     """The controller's end of one client's connection to the control port."""
 
-    def __init__(self, controller: Controller, faults: Faults) -> None:
+    def __init__(self, controller: Controller, faults: Faults, modbus: Modbus | None = None) -> None:
+        """Answer one client. Without ``modbus`` it has registers of its own for standard Modbus."""
         self._controller = controller
         self._faults = faults
-        self._decoder = p.Decoder()
+        self._modbus = modbus or Modbus(controller)
+        self._decoder = p.Decoder((*p.PROTOCOLS, p.STANDARD_MODBUS))
         # For each register, the data of the last reply, which a stuck controller repeats.
         self._last_data: dict[int, bytes] = {}
 
@@ -74,6 +77,10 @@ class ControlSession:
                 raw = p.frame(frame.number, frame.body, frame.protocol)
                 if frame.protocol == p.HEARTBEAT_PROTOCOL:
                     yield Exchange("keepalive", raw, ())
+                elif frame.protocol == p.STANDARD_MODBUS:
+                    answer = p.frame(frame.number, self._modbus.answer(frame.body), frame.protocol)
+                    reply = self._faults.apply(Reply(0.0, answer, None, "other"))
+                    yield Exchange("other", raw, () if reply is None else (reply,))
                 else:
                     message_type, brings_to = p.classify(frame.body)
                     yield Exchange(message_type, raw, self._replies(frame, message_type), brings_to)
@@ -113,7 +120,8 @@ class XArmTwin(TwinRobot):
 
     def handlers(self, port: int) -> dict[int, Handler]:
         """Return the handlers of the control port ``port`` and of the ports for reports."""
-        control = answering(functools.partial(ControlSession, self.controller, self.faults))
+        modbus = Modbus(self.controller)
+        control = answering(functools.partial(ControlSession, self.controller, self.faults, modbus))
         return {port: control, **{number: functools.partial(self._publisher.serve, number) for number in HZ}}
 
     def jam(self, index: int, on: bool) -> None:

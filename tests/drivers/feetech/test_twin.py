@@ -11,7 +11,6 @@ from strands_actors.drivers.common.twin.servo_bus import TORN_FRAME_S
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.drivers.feetech.robots import TABLES
 from strands_actors.drivers.feetech.servo import SPEED_IN_COUNTS
-from strands_actors.drivers.feetech.servo import SPEED_IN_COUNTS
 from strands_actors.drivers.feetech.twin import FeetechBus, main
 
 
