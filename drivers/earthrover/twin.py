@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from typing import Annotated, Any
 
 import msgspec
@@ -17,7 +16,8 @@ from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.stepped import DrawnBody
 from strands_actors.drivers.common.twin import (
     Fault,
     NetworkOptions,
@@ -166,35 +166,25 @@ class RoverTwin(TwinRobot):
         )
 
 
-class RoverBody:
+class RoverBody(DrawnBody):
     """The rover as a body that a simulation can drive. While a client of the wire protocol drives it, commands of
     the simulation are ignored."""
 
     axes = ("linear", "angular", "lamp")
 
     def __init__(self, rover: Rover, table: Mapping[str, Any]) -> None:
+        super().__init__(table, rover)
         self._rover = rover
-        self._table = table
-        self.pass_time = rover.pass_time
-
-    @cached_property
-    def spec(self) -> Any:
-        # Import MuJoCo only here, since the model serves for pictures only.
-        from strands_actors.drivers.common.physics.model_rows import build
-
-        return build(self._table)
 
     @property
     def commanders(self) -> Sequence[Commander]:
         return (self._rover.commander,) * len(self.axes)
 
     def felt(self) -> Felt:
-        rover = self._rover
-        still = (0.0,) * len(self.axes)
-        return Felt(rover.time_s, (*rover.commanded, rover.lamp), still, still, self.commanders)
+        return self._felt((*self._rover.commanded, self._rover.lamp))
 
     def pose(self) -> Sequence[float]:
-        return [self._rover.x_m, self._rover.y_m, self._rover.heading_rad]
+        return [self._rover.x_m, self._rover.y_m, self._rover.yaw_rad]
 
     def energise(self, on: bool) -> None:
         rover = self._rover
@@ -208,9 +198,6 @@ class RoverBody:
 
     def hold(self) -> None:
         self.set_targets((0.0, 0.0, self._rover.lamp))
-
-    def step(self, steps: int) -> None:
-        self._rover.run(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._rover.reset()

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.stepped import DrawnBody
 from strands_actors.drivers.common.twin import (
     Fault,
     NetworkOptions,
@@ -63,34 +63,23 @@ class M3ProTwin(TwinRobot):
         self.mechanism.reset()
 
 
-class M3ProBody:
+class M3ProBody(DrawnBody):
     """Let a simulation (another program on this computer) move the simulated robot. Parts that a
     client commands follow the client."""
 
     def __init__(self, mechanism: Mechanism, robot: str) -> None:
-        table = table_of(robot)
+        super().__init__(TABLES.table(robot), mechanism)
         self._mechanism = mechanism
-        self._robot = robot
-        self._servos = table.servos
-        self.axes = (*BASE, *(servo.key for servo in table.servos))
-        self.pass_time = mechanism.pass_time
-
-    @cached_property
-    def spec(self) -> Any:
-        # Import MuJoCo only here. It only draws the robot.
-        from strands_actors.drivers.common.physics.model_rows import build
-
-        return build(TABLES.table(self._robot))
+        self._servos = table_of(robot).servos
+        self.axes = (*BASE, *(servo.key for servo in self._servos))
 
     @property
     def commanders(self) -> Sequence[Commander]:
         mechanism = self._mechanism
-        return (mechanism.base_commander,) * len(BASE) + (mechanism.arm_commander,) * len(self._servos)
+        return (mechanism.commander,) * len(BASE) + (mechanism.arm_commander,) * len(self._servos)
 
     def felt(self) -> Felt:
-        mechanism = self._mechanism
-        still = (0.0,) * len(self.axes)
-        return Felt(mechanism.time_s, (*mechanism.runs, *self._arm_rad()), still, still, self.commanders)
+        return self._felt((*self._mechanism.runs, *self._arm_rad()))
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
@@ -98,7 +87,7 @@ class M3ProBody:
 
     def energise(self, on: bool) -> None:
         mechanism, free, driven = self._mechanism, Commander.NONE, Commander.SIM
-        if mechanism.base_commander is (free if on else driven):
+        if mechanism.commander is (free if on else driven):
             mechanism.drive(REST, driven if on else free)
         if mechanism.arm_commander is (free if on else driven):
             mechanism.hold_arm()
@@ -106,7 +95,7 @@ class M3ProBody:
 
     def set_targets(self, values: Sequence[float]) -> None:
         mechanism = self._mechanism
-        if mechanism.base_commander is Commander.SIM:
+        if mechanism.commander is Commander.SIM:
             mechanism.drive(Twist(*values[: len(BASE)]), Commander.SIM)
         if mechanism.arm_commander is Commander.SIM:
             degrees = [servo.degrees(value) for servo, value in zip(self._servos, values[len(BASE) :], strict=True)]
@@ -114,13 +103,10 @@ class M3ProBody:
 
     def hold(self) -> None:
         mechanism = self._mechanism
-        if mechanism.base_commander is Commander.SIM:
+        if mechanism.commander is Commander.SIM:
             mechanism.drive(REST, Commander.SIM)
         if mechanism.arm_commander is Commander.SIM:
             mechanism.hold_arm()
-
-    def step(self, steps: int) -> None:
-        self._mechanism.run(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._mechanism.reset()
