@@ -4,7 +4,7 @@ control, the socket for requests to a simulation."""
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import trio
