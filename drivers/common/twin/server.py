@@ -250,7 +250,8 @@ class TwinServer(ABC):
         self._robot.power_cycle()
         if isinstance(self._robot, TwinRobot) and self._robot.RESTART_CUTS:
             self.unplug()
-            self.plug()
+            if not self._is_off:
+                self.plug()
 
     def freeze(self, seconds: float) -> None:
         """Stop reading and answering for ``seconds``. Then the robot handles the bytes that have waited."""
