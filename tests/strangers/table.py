@@ -36,6 +36,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         note: What a reader of the result should know.
         endless: True if the program runs until a person ends it.
         seconds: The time after which the program is ended.
+        settles: For how long the robot may go on after the end, because the client does not wait for its last move.
         robot: Another robot than the client's.
         options: Further options of the twin.
         replaces: Further addresses in the program's text, and what replaces them.
@@ -55,6 +56,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     note: str = ""
     endless: bool = False
     seconds: float = 60.0
+    settles: float = 0.0
     robot: str = ""
     options: Mapping[str, bool | int | float | str] = {}
     replaces: Mapping[str, str] = {}

@@ -17,7 +17,8 @@ class Arm(TwinRobot):
     def __init__(self) -> None:
         super().__init__()
         self.jammed: set[int] = set()
-        self.restarts = self.ticks = 0
+        self.restarts = 0
+        self.ticked = trio.Event()
         self.begun: list[Fault] = []
 
     def begin_fault(self, fault: Fault) -> None:
@@ -30,7 +31,7 @@ class Arm(TwinRobot):
         self.restarts += 1
 
     def tick(self) -> None:
-        self.ticks += 1
+        self.ticked.set()
 
 
 async def serve(connection: Connection) -> None:
@@ -67,8 +68,7 @@ def test_the_network_of_a_robot_without_power_is_down_until_the_fault_ends() -> 
                 await trio.open_tcp_stream(host, int(port))
             server.set_fault("ok")
             await (await trio.open_tcp_stream(host, int(port))).aclose()
-            while not arm.ticks:
-                await trio.sleep(arm.TICK_S)
+            await arm.ticked.wait()
             nursery.cancel_scope.cancel()
         server.close()
 
