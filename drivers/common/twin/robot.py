@@ -80,7 +80,7 @@ class TwinRobot(ABC):
 
     def jam(self, index: int, on: bool) -> None:
         """Let a joint get stuck, or free it. ``index`` is its place in ``PARTS``."""
-        raise NotImplementedError(f"{type(self).__name__} has PARTS, and no jam()")
+        raise NotImplementedError(f"{type(self).__name__} has PARTS, so it needs the method jam")
 
     @abstractmethod
     def power_cycle(self) -> None:

@@ -1,7 +1,7 @@
 """Answer standard Modbus TCP, which the control port of an xArm accepts beside the vendor's own protocol.
 
 Functions, addresses, units and exceptions are those of the vendor's manual (UF_ModbusTCP_Manual in the source of
-xarm-python-sdk 1.18). What the manual has and this controller has not gets exception 2: inputs and outputs that are
+xarm-python-sdk 1.18). Registers of the manual that this controller lacks get exception 2: inputs and outputs that are
 not effective, brakes, payload, offsets and offline tasks, and a write to a state of the robot.
 """
 
@@ -90,9 +90,9 @@ class Modbus:
         return data[:4]
 
     def _write(
-        self, set_one: Callable[[int, int], None], known: Mapping[int, int], first: int, values: Sequence[int]
+        self, set_one: Callable[[int, int], None], registers: Mapping[int, int], first: int, values: Sequence[int]
     ) -> None:
-        _read(known, first, len(values))
+        _read(registers, first, len(values))
         for address, value in enumerate(values, first):
             set_one(address, value)
 
@@ -180,11 +180,11 @@ def _bits(first: int, count: int, word: int) -> dict[int, int]:
     return {first + index: word >> index & 1 for index in range(count)}
 
 
-def _read(known: Mapping[int, int], first: int, count: int) -> list[int]:
+def _read(registers: Mapping[int, int], first: int, count: int) -> list[int]:
     """Return registers. Raise ``_Refused`` if one of them is not there."""
-    if not count or any(address not in known for address in range(first, first + count)):
+    if not count or any(address not in registers for address in range(first, first + count)):
         raise _Refused(ILLEGAL_ADDRESS if count else ILLEGAL_DATA)
-    return [known[address] for address in range(first, first + count)]
+    return [registers[address] for address in range(first, first + count)]
 
 
 __all__ = ["FUNCTIONS", "Modbus"]

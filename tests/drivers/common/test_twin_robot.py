@@ -63,6 +63,7 @@ def test_the_network_of_a_robot_without_power_is_down_until_the_fault_ends() -> 
             assert arm.restarts == 1 and arm.is_off
             with pytest.raises(trio.BrokenResourceError):
                 await stream.receive_some(1)
+            await stream.aclose()
             server.power_cycle()
             with pytest.raises(OSError):
                 await trio.open_tcp_stream(host, int(port))
