@@ -22,7 +22,7 @@ STATE_HZ = 1000
 MISSED_TICKS = 20
 """With so many missing commands in a row the controller ends a motion.
 
-The vendor's overview says ">= 20 packets", and its page on the network both "after 20 dropped packets" and "more
+The vendor's overview has ">= 20 packets", and its page on the network both "after 20 dropped packets" and "more
 than 20 in a row". The twin takes the strictest."""
 
 HEADER = struct.Struct("<III")

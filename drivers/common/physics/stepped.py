@@ -1,4 +1,4 @@
-"""Robots whose motion is simulated without forces: they are advanced in small steps, as their clock goes on."""
+"""Simulate the motion of robots without forces, in small steps, as their clock goes on."""
 
 from __future__ import annotations
 
@@ -53,16 +53,16 @@ class Stepped(ABC):
 
 
 class PlanarBase(Stepped):
-    """A base that moves in the plane. ``commander`` is who moves it."""
+    """A base that moves in the plane, as its ``commander`` demands."""
 
     x_m = y_m = yaw_rad = 0.0
     commander = Commander.NONE
 
     def __init__(self, watchdog_s: float, now_s: Callable[[], float]) -> None:
-        """Make a base that has not moved.
+        """Make a base at its start.
 
         Args:
-            watchdog_s: A command of the wire that is not repeated for so long counts as none. 0: it never does.
+            watchdog_s: A command of the wire expires after so many seconds without another one. 0: never.
             now_s: The clock.
         """
         super().__init__(now_s)

@@ -1,4 +1,4 @@
-"""The part that all simulated robots have behind their ports: faults, restarts, a control cycle, control lines."""
+"""Share faults, restarts, the control cycle and control lines among all simulated robots."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class HasControlLines(Protocol):
 class TwinRobot(ABC):
     """One simulated robot, which all its clients share.
 
-    A subclass says what a restart is, which of its parts can fail, and what happens in its control cycle.
+    A subclass defines its restart, its joints that can fail, and its control cycle.
     """
 
     PARTS: Sequence[int] = ()

@@ -1,8 +1,8 @@
 """Answer standard Modbus TCP, which the control port of an xArm accepts beside the vendor's own protocol.
 
 Functions, addresses, units and exceptions are those of the vendor's manual (UF_ModbusTCP_Manual in the source of
-xarm-python-sdk 1.18). Registers of the manual that this controller lacks get exception 2: inputs and outputs that are
-not effective, brakes, payload, offsets and offline tasks, and a write to a state of the robot.
+xarm-python-sdk 1.18). Registers of the manual that this controller lacks get exception 2: inputs and outputs that
+are not effective, brakes, payload, offsets and offline tasks, and a write to a state of the robot.
 """
 
 from __future__ import annotations
