@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Unpack
+from collections.abc import Callable
 
 from strands_actors.drivers.common.dynamixel import twin
-from strands_actors.drivers.common.twin import Start, read_twin_options
+from strands_actors.drivers.common.twin import Server, WireLog, main_of
 from strands_actors.drivers.common.twin.servo_bus import BusOptions, serve
 
 from .robots import LEADERS, TABLES
@@ -22,6 +21,9 @@ class DynamixelBus(twin.DynamixelBus):
         return cls.of_table((LEADERS if robot in LEADERS.robots else TABLES).table(robot), now_s)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    serve(DynamixelBus.for_robot(robot), read_twin_options(robot, BusOptions, options), **start)
+def build(robot: str, options: BusOptions, log: WireLog) -> Server:
+    """Return the server of a robot of ``robots.toml``, or of a leader arm."""
+    return serve(DynamixelBus.for_robot(robot), options, log)
+
+
+main = main_of(BusOptions, build)

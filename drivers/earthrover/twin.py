@@ -8,8 +8,7 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import msgspec
 
@@ -17,16 +16,15 @@ from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.stepped import DrawnBody
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.http import Answer, serving
 from strands_actors.drivers.common.twin.modelled import Modelled
@@ -69,7 +67,7 @@ REQUESTS: Modelled[str] = Modelled(
 MODELLED = (REQUESTS,)
 
 
-class RoverTwin:
+class RoverTwin(TwinRobot):
     """The simulated HTTP service. All clients control the same rover."""
 
     def __init__(
@@ -81,24 +79,20 @@ class RoverTwin:
         fix: bool = True,
         rear: bool = True,
     ) -> None:
+        super().__init__()
         watchdog = float(table["watchdog_s"]) if watchdog_s is None else float(watchdog_s)
         self.rover = Rover(table, watchdog, now_s)
         self.body = RoverBody(self.rover, table)
-        self.faults = Faults()
         self._fix = fix
         self._rear = rear
         self._stuck: bytes | None = None
         self.spoken = ""
         """The last text to speak."""
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Simulate a fault of the whole rover. ``unit`` is not used."""
+    def begin_fault(self, fault: Fault) -> None:
         self.rover.pass_time()
         self._stuck = self.data() if fault is Fault.STUCK else None
         self.rover.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.rover.reset()
 
     def power_cycle(self) -> None:
         self.rover.reset()
@@ -172,35 +166,25 @@ class RoverTwin:
         )
 
 
-class RoverBody:
+class RoverBody(DrawnBody):
     """The rover as a body that a simulation can drive. While a client of the wire protocol drives it, commands of
     the simulation are ignored."""
 
     axes = ("linear", "angular", "lamp")
 
     def __init__(self, rover: Rover, table: Mapping[str, Any]) -> None:
+        super().__init__(table, rover)
         self._rover = rover
-        self._table = table
-        self.pass_time = rover.pass_time
-
-    @cached_property
-    def spec(self) -> Any:
-        # Import MuJoCo only here, since the model serves for pictures only.
-        from strands_actors.drivers.common.physics.model_rows import build
-
-        return build(self._table)
 
     @property
     def commanders(self) -> Sequence[Commander]:
         return (self._rover.commander,) * len(self.axes)
 
     def felt(self) -> Felt:
-        rover = self._rover
-        still = (0.0,) * len(self.axes)
-        return Felt(rover.time_s, (*rover.commanded, rover.lamp), still, still, self.commanders)
+        return self._felt((*self._rover.commanded, self._rover.lamp))
 
     def pose(self) -> Sequence[float]:
-        return [self._rover.x_m, self._rover.y_m, self._rover.heading_rad]
+        return [self._rover.x_m, self._rover.y_m, self._rover.yaw_rad]
 
     def energise(self, on: bool) -> None:
         rover = self._rover
@@ -215,9 +199,6 @@ class RoverBody:
     def hold(self) -> None:
         self.set_targets((0.0, 0.0, self._rover.lamp))
 
-    def step(self, steps: int) -> None:
-        self._rover.run(steps * TIMESTEP_S)
-
     def reset(self) -> None:
         self._rover.reset()
 
@@ -228,12 +209,10 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     return RoverTwin(TABLES.table(robot), now_s, **options)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, RoverTwinOptions, options)
-    twin = twin_of(robot, watchdog_s=twin_options.watchdog_s, fix=twin_options.fix, rear=twin_options.rear)
+def build(robot: str, options: RoverTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = twin_of(robot, watchdog_s=options.watchdog_s, fix=options.fix, rear=options.rear)
+    return TcpServer(twin, {options.port: serving(twin)}, log, options.host)
 
-    def build(wire_log: WireLog) -> TcpServer:
-        return TcpServer(twin, {twin_options.port: serving(twin)}, wire_log, twin_options.host)
 
-    run_server(build, **start)
+main = main_of(RoverTwinOptions, build)

@@ -18,6 +18,13 @@ ROOM_TEMPERATURE_C = 30
 MOVING_RAD_S = 0.01
 MULTI_TURN_FEEDBACK = 0x10
 """Bit of PHASE. With it positions are reported beyond one turn instead of wrapped."""
+SPEED_IN_COUNTS = 0x04
+"""Bit of PHASE. With it a speed counts 1 count/s (0.0146 rpm), without it 50 counts/s (0.732 rpm).
+
+An STS3215 leaves the factory with it: the vendor's examples for it (SCServo library, ``SyncWritePosEx``) say
+"factory speed unit is 0.0146 rpm", and how to convert if it is 0.732 rpm, as on an SMS40BL. The bit itself is
+from users who have measured it, as at HumanaOpen (``switch_phase_bit2.py``)."""
+COARSE_COUNTS = 50
 
 SENSOR_REGISTERS = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
 """The registers that the servo's own sensors write."""
@@ -125,6 +132,11 @@ class Servo(TwinServo):
         self.factory = bytes(factory)
         self._eeprom[:] = self.factory[: p.EEPROM_END]
 
+    @property
+    def _speed_unit(self) -> int:
+        """Counts/s of one unit in the registers of speeds."""
+        return 1 if self.table[p.PHASE.address] & SPEED_IN_COUNTS else COARSE_COUNTS
+
     def power_cycle(self) -> None:
         """Restart the servo. The EEPROM has its saved values, the RAM has its values at delivery, the torque is
         off, and the goal is the present position [assumed]."""
@@ -222,7 +234,7 @@ class Servo(TwinServo):
         load = round(max(-1.0, min(1.0, reading.load)) * 1000)
         self.table[SENSOR_REGISTERS] = SENSOR_LAYOUT.pack(
             _sign_magnitude(p.POSITION, count),
-            _sign_magnitude(p.VELOCITY, round(reading.rad_s * COUNTS_PER_RAD)),
+            _sign_magnitude(p.VELOCITY, round(reading.rad_s * COUNTS_PER_RAD / self._speed_unit)),
             _sign_magnitude(p.LOAD, load),
             round(self.voltage_v * 10),
             round(self.temperature_c),
@@ -240,7 +252,8 @@ class Servo(TwinServo):
         self.plant.set_torque(self.joint, on)
         if not on:
             return
-        share, rate = min(1000, self.get(p.TORQUE_LIMIT)) / 1000, self.get(p.GOAL_VELOCITY) / COUNTS_PER_RAD
+        share = min(1000, self.get(p.TORQUE_LIMIT)) / 1000
+        rate = self.get(p.GOAL_VELOCITY) * self._speed_unit / COUNTS_PER_RAD
         match self.table[p.MODE.address]:
             case p.VELOCITY_MODE:
                 self.turn(rate)

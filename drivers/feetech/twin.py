@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from typing import Annotated
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.physics import Plant
-from strands_actors.drivers.common.twin import Exchange, Reply, Start, read_twin_options
+from strands_actors.drivers.common.twin import Exchange, Reply, Server, WireLog, main_of
 from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.servo_bus import BusOptions, ServoBus, serve
 
@@ -146,7 +146,9 @@ class FeetechTwinOptions(BusOptions, frozen=True):
     goal_energises: Annotated[bool, option("whether a goal turns a servo's torque on, as on a real STS3215")] = True
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    twin_options = read_twin_options(robot, FeetechTwinOptions, options)
-    serve(FeetechBus.for_robot(robot, goal_energises=twin_options.goal_energises), twin_options, **start)
+def build(robot: str, options: FeetechTwinOptions, log: WireLog) -> Server:
+    """Return the server of a robot of ``robots.toml``."""
+    return serve(FeetechBus.for_robot(robot, goal_energises=options.goal_energises), options, log)
+
+
+main = main_of(FeetechTwinOptions, build)

@@ -20,7 +20,10 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 PORT = 1337
 STATE_HZ = 1000
 MISSED_TICKS = 20
-"""Most consecutive missing commands that a controller tolerates in a motion."""
+"""With so many missing commands in a row the controller ends a motion.
+
+The vendor's overview has ">= 20 packets", and its page on the network both "after 20 dropped packets" and "more
+than 20 in a row". The twin takes the strictest."""
 
 HEADER = struct.Struct("<III")
 LARGEST_NUMBER = 100.0

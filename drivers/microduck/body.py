@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Any
 
 from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.stepped import PlanarBase, towards
 
 from .protocol import HELD, HOMING, SIT_TOGGLE
 from .robots import AXES, HEAD, POSE, TWIST
@@ -30,9 +31,6 @@ ACTUATOR_RAD = math.pi
 """robotd limits the target of a joint to one turn, and reports it. It knows no narrower limits."""
 
 _REST = (0.0, 0.0, 0.0)
-_STEP_S = 0.01
-_LONGEST_S = 0.25
-"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 _HIP_M, _LEG_M = 0.01, 0.11
 """From trunk to hip, and from hip to foot when stretched, as in ``model_rows``."""
@@ -41,7 +39,7 @@ _CADENCE_RAD_S, _STRIDE_RAD, _LIFT_RAD = 12.0, 0.25, 0.3
 _MOUTH_RAD = 0.6
 
 
-class Duck:
+class Duck(PlanarBase):
     """The simulated duck. ``requested`` is the last twist, ``applied`` the smoothed one, and ``moves`` the duck's
     motion. A twist that is not repeated for ``deadman_s`` seconds counts as zero; with ``deadman_s`` 0 it never
     does."""
@@ -50,10 +48,7 @@ class Duck:
 
     def __init__(self, table: Mapping[str, Any], deadman_s: float, now_s: Callable[[], float]) -> None:
         self._table = table
-        self._deadman_s = deadman_s
-        self._now_s = now_s
-        self._updated_s = now_s()
-        self.time_s = 0.0
+        super().__init__(deadman_s, now_s)
         self.reset()
 
     def reset(self) -> None:
@@ -74,7 +69,7 @@ class Duck:
         self.mouth = 0.0
         self.skill = ""
         self.x_m = self.y_m = self.yaw_rad = self._phase = 0.0
-        self._commanded_s = self._now_s()
+        self._commanded_s = self.now_s()
         self._skill_until_s = self._up_at_s = 0.0
 
     @property
@@ -82,7 +77,7 @@ class Duck:
         """Return the name of the present policy, as robotd reports it."""
         if not self.enabled or not self.powered:
             return HELD
-        if self._now_s() < self._up_at_s:
+        if self.now_s() < self._up_at_s:
             return HOMING
         if self.sitting:
             return "sit"
@@ -98,28 +93,29 @@ class Duck:
     def limited_by(self) -> list[str]:
         """Return why robotd does not do what was commanded, in its words."""
         limits = {
-            "deadman": self._is_overdue,
+            "deadman": self.is_overdue,
             "range": any(abs(rad) > ACTUATOR_RAD for rad in self.head_target),
             "fallen": self.fallen,
         }
         return [word for word, holds in limits.items() if holds]
 
     @property
-    def _is_overdue(self) -> bool:
-        return self.commander is not Commander.SIM and 0 < self._deadman_s < self._now_s() - self._commanded_s
+    def is_overdue(self) -> bool:
+        # Also without a commander: after a twist of zero.
+        return self.commander is not Commander.SIM and 0 < self._watchdog_s < self.now_s() - self._commanded_s
 
     # -- commands
 
     def walk(self, twist: Sequence[float], commander: Commander) -> None:
         self.pass_time()
-        self.requested, self._commanded_s = tuple(twist), self._now_s()
+        self.requested, self._commanded_s = tuple(twist), self.now_s()
         self.commander = commander if any(twist) else Commander.NONE if commander is Commander.WIRE else commander
 
     def enable(self, on: bool) -> None:
         """Stand up if the duck is limp, and let a walking policy drive it. With ``on=False`` hold the pose."""
         self.pass_time()
         if on and not self.enabled:
-            self._up_at_s = self._now_s() + float(self._table["rise_s"])
+            self._up_at_s = self.now_s() + float(self._table["rise_s"])
             self.powered = True
         self.enabled = on
 
@@ -144,47 +140,36 @@ class Duck:
                 return ""
         elif self.sitting:
             return "the robot sits"
-        self.skill, self._skill_until_s = skill, self._now_s() + float(self._table["skill_s"])
+        self.skill, self._skill_until_s = skill, self.now_s() + float(self._table["skill_s"])
         return ""
 
     # -- time
 
     def pass_time(self) -> None:
-        """Advance the simulation to the present time."""
-        now_s = self._now_s()
-        passed_s, self._updated_s = now_s - self._updated_s, now_s
-        if self._is_overdue:
+        if self.is_overdue:
             self.commander = Commander.NONE
-        self.run(min(passed_s, _LONGEST_S))
-
-    def run(self, seconds: float) -> None:
-        while seconds > 0:
-            step_s = min(seconds, _STEP_S)
-            seconds -= step_s
-            self._step(step_s)
+        super().pass_time()
 
     def _step(self, step_s: float) -> None:
         table = self._table
-        self.time_s += step_s
-        if self.skill and self._now_s() >= self._skill_until_s:
+        if self.skill and self.now_s() >= self._skill_until_s:
             self.skill = ""
         by_simulation = self.commander is Commander.SIM
         driven = (by_simulation or self.is_driven) and not (self.fallen or self.stuck)
-        gated = _REST if self._is_overdue else self.requested
+        gated = _REST if self.is_overdue else self.requested
         self.applied = self._ramped(gated, step_s) if by_simulation else _smoothed(self.applied, gated, step_s)
         stands = not by_simulation and self.mode == "walk" and math.hypot(*self.applied) <= STANDS
         goes = driven and not (self.skill or self.sitting or stands)
         self.moves = self.applied if goes else _REST
         vx, vy, vyaw = self.moves
-        self.yaw_rad = math.remainder(self.yaw_rad + vyaw * step_s, 2 * math.pi)
-        self.x_m += (vx * math.cos(self.yaw_rad) - vy * math.sin(self.yaw_rad)) * step_s
-        self.y_m += (vx * math.sin(self.yaw_rad) + vy * math.cos(self.yaw_rad)) * step_s
+        self._roll(vx, vy, vyaw, step_s)
+        self.yaw_rad = math.remainder(self.yaw_rad, 2 * math.pi)
         self._phase = (self._phase + _CADENCE_RAD_S * step_s) % (2 * math.pi) if any(self.moves) else 0.0
         if driven:
             reach = float(table["head_rad_s"]) * step_s
             ends = [table["axes"][key][1:3] for key in HEAD]
             self.head_rad = tuple(
-                now + max(-reach, min(reach, max(low, min(high, to)) - now))
+                towards(now, max(low, min(high, to)), reach)
                 for now, to, (low, high) in zip(self.head_rad, self.head_target, ends, strict=True)
             )
 
@@ -192,7 +177,7 @@ class Duck:
         """Return the twist of a local simulation, which has an acceleration and no smoothing."""
         linear, angular = self._table["accel_m_s2"], self._table["accel_rad_s2"]
         return tuple(
-            now + max(-rate * step_s, min(rate * step_s, to - now))
+            towards(now, to, rate * step_s)
             for now, to, rate in zip(self.applied, goals, (linear, linear, angular), strict=True)
         )
 

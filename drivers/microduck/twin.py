@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import trio
 
@@ -34,15 +34,13 @@ from strands_actors.drivers.common.twin import (
     ClientGone,
     Connection,
     Fault,
-    Faults,
     Handler,
     Reply,
-    Start,
     TwinOptions,
+    TwinRobot,
     UnixServer,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 
 from . import protocol as p
@@ -71,7 +69,7 @@ _ACCEPTED: dict[str, Any] = {"accepted": True}
 MODELLED = (CALLS,)
 
 
-class DuckTwin:
+class DuckTwin(TwinRobot):
     """One simulated robotd (the duck's daemon), which all clients share."""
 
     def __init__(
@@ -86,11 +84,11 @@ class DuckTwin:
     ) -> None:
         """Build the simulated robotd. ``mode`` is its first drive mode. Raise ``ValueError`` if the robot lacks
         it."""
+        super().__init__()
         table = TABLES.table(robot)
         if mode not in table["modes"]:
             raise ValueError(f"mode is {mode!r}. Use {', '.join(table['modes'])}")
         self.body = Duck(table, deadman_s, now_s)
-        self.faults = Faults()
         self.api_version = api_version
         self._table = table
         self._began = mode, enabled
@@ -99,14 +97,10 @@ class DuckTwin:
         self._missed = 0
         self.power_cycle()
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because a duck has no units that can fail separately."""
+    def begin_fault(self, fault: Fault) -> None:
         self.body.pass_time()
         self._frozen = self.state() if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.power_cycle()
 
     def power_cycle(self) -> None:
         body = self.body
@@ -114,6 +108,19 @@ class DuckTwin:
         body.mode, body.enabled = self._began
         self._theremin = False
         self.sound = ""
+
+    def order(self, words: Sequence[str]) -> bool:
+        """Carry out a control line: ``fallen on|off`` or ``picked-up on|off``."""
+        match words:
+            case ["fallen", "on" | "off" as how]:
+                self.body.pass_time()
+                self.body.fallen = how == "on"
+            case ["picked-up", "on" | "off" as how]:
+                self.body.pass_time()
+                self.body.picked_up = how == "on"
+            case _:
+                return False
+        return True
 
     # -- calls
 
@@ -307,26 +314,6 @@ class DuckTwin:
         }
 
 
-class DuckServer(UnixServer):
-    """Serve the simulated robotd. Beside the control lines of all twins it has two others."""
-
-    def __init__(self, twin: DuckTwin, log: WireLog, path: str | None) -> None:
-        super().__init__(twin, serving(twin), log, path)
-        self._duck = twin.body
-
-    def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line: ``fallen on|off`` or ``picked-up on|off``. Return False if it is unknown."""
-        match words:
-            case ["fallen", "on" | "off" as how]:
-                self._duck.pass_time()
-                self._duck.fallen = how == "on"
-            case ["picked-up", "on" | "off" as how]:
-                self._duck.picked_up = how == "on"
-            case _:
-                return False
-        return True
-
-
 class _No(Exception):
     """An error that the simulated robotd sends as a JSON-RPC error."""
 
@@ -452,21 +439,18 @@ def serving(twin: DuckTwin) -> Handler:
     return handle
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, DuckTwinOptions, options)
+def build(robot: str, options: DuckTwinOptions, log: WireLog) -> UnixServer:
+    """Return the server of a robot of ``robots.toml``. Raise ``ValueError`` as ``DuckTwin`` does."""
     twin = DuckTwin(
         robot,
-        deadman_s=twin_options.deadman_s,
-        api_version=twin_options.api_version,
-        mode=twin_options.mode,
-        enabled=twin_options.enabled,
+        deadman_s=options.deadman_s,
+        api_version=options.api_version,
+        mode=options.mode,
+        enabled=options.enabled,
     )
-
-    def build(wire_log: WireLog) -> DuckServer:
-        return DuckServer(twin, wire_log, twin_options.path)
-
-    run_server(build, **start)
+    return UnixServer(twin, serving(twin), log, options.path)
 
 
-__all__ = ["CALLS", "MODELLED", "DuckServer", "DuckTwin", "DuckTwinOptions", "kind_of", "main", "serving"]
+main = main_of(DuckTwinOptions, build)
+
+__all__ = ["CALLS", "MODELLED", "DuckTwin", "DuckTwinOptions", "build", "kind_of", "main", "serving"]

@@ -4,8 +4,7 @@ control, the socket for requests to a simulation."""
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import msgspec
 import trio
@@ -14,7 +13,7 @@ from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.body import Body
 from strands_actors.drivers.common.physics.jointed_body import JointedBody
 from strands_actors.drivers.common.physics.physics import Plant
-from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin import TwinOptions, WireLog, main_of
 
 from .onboard_policy import OnboardPolicy
 from .reading import Read, read_model
@@ -77,18 +76,12 @@ class ModelServer:
     def close(self) -> None: ...
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate the model file ``options["model"]`` until interrupted.
-
-    Raises:
-        ValueError: The option is missing, or the model cannot be used.
-    """
-    twin_options = read_twin_options(robot, ModelTwinOptions, options)
-    if not twin_options.model:
+def build(robot: str, options: ModelTwinOptions, log: WireLog) -> ModelServer:
+    """Return the server of the model file ``options.model``. Raise ``ValueError`` if there is none, or if it cannot
+    be used."""
+    if not options.model:
         raise ValueError(f"{robot}: the option model is missing. Give model=PATH of an MJCF or URDF file")
-    read = read_model(twin_options.model)
+    return ModelServer(read_model(options.model), options)
 
-    def build(wire_log: WireLog) -> ModelServer:
-        return ModelServer(read, twin_options)
 
-    run_server(build, **start)
+main = main_of(ModelTwinOptions, build)

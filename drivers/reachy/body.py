@@ -10,13 +10,10 @@ from typing import Any
 
 from strands_actors.contract.axis import Axis
 from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.stepped import Stepped, towards
 
 PEAK = 1.875
 """Peak speed of a minimum-jerk move, as a multiple of its average speed."""
-
-_STEP_S = 0.01
-_LONGEST_S = 0.25
-"""Longest time to catch up between two calls. The rest of a longer stall is dropped."""
 
 Row = tuple[float, ...]
 
@@ -52,7 +49,7 @@ class Move:
         return aimed
 
 
-class ReachyBody:
+class ReachyBody(Stepped):
     """The simulated body of the robot. Values are in axis order and in the driver's units.
 
     Motors without torque keep their position [assumed]. The head of the real robot drops.
@@ -63,9 +60,7 @@ class ReachyBody:
         self._table = table
         self._speeds = [axis.speed * PEAK for axis in axes]
         self._scales = [1e-3 if axis.unit == "mm" else math.radians(1.0) for axis in axes]
-        self._now_s = now_s
-        self._updated_s = now_s()
-        self.time_s = 0.0
+        super().__init__(now_s)
         self.ended: list[str] = []  # ids of moves that have ended and are not reported yet
         self.reset()
 
@@ -107,27 +102,18 @@ class ReachyBody:
             self.commander = Commander.NONE
         return move.uuid if move is not None else ""
 
-    def pass_time(self) -> None:
-        now_s = self._now_s()
-        passed_s, self._updated_s = now_s - self._updated_s, now_s
-        self.run(min(passed_s, _LONGEST_S))
-
-    def run(self, seconds: float) -> None:
-        while seconds > 0:
-            step_s = min(seconds, _STEP_S)
-            seconds -= step_s
-            self.time_s += step_s
-            if self.move is not None:
-                aimed = self.move.step(step_s, self.position)
-                if aimed is None:
-                    self.ended.append(self.end_move())
-                else:
-                    self.target = aimed
-            if (self.mode == "enabled" or self.commander is Commander.SIM) and not self.stuck:
-                self.position = tuple(
-                    position + max(-speed * step_s, min(speed * step_s, goal - position))
-                    for position, goal, speed in zip(self.position, self.target, self._speeds, strict=True)
-                )
+    def _step(self, step_s: float) -> None:
+        if self.move is not None:
+            aimed = self.move.step(step_s, self.position)
+            if aimed is None:
+                self.ended.append(self.end_move())
+            else:
+                self.target = aimed
+        if (self.mode == "enabled" or self.commander is Commander.SIM) and not self.stuck:
+            self.position = tuple(
+                towards(position, goal, speed * step_s)
+                for position, goal, speed in zip(self.position, self.target, self._speeds, strict=True)
+            )
 
     # -- methods for a local simulation
 

@@ -11,7 +11,7 @@ import math
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import msgspec
 import trio
@@ -22,14 +22,12 @@ from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
     Reply,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
 from strands_actors.drivers.common.twin.websocket import WebSocketClient, WebSocketHandler, serving_both
@@ -66,7 +64,7 @@ _PLACE = {"x": p.X, "y": p.Y, "z": p.Z}
 _JSON = msgspec.json.Decoder()
 
 
-class ReachyTwin:
+class ReachyTwin(TwinRobot):
     """The simulated daemon, which all clients share."""
 
     def __init__(
@@ -93,6 +91,7 @@ class ReachyTwin:
         Raises:
             ValueError: ``motors`` is not a mode, ``battery`` is no percentage, or a Lite has a battery.
         """
+        super().__init__()
         if battery is not None and not 0 <= battery <= 100:
             raise ValueError(f"battery is {battery}. Use 0 to 100 percent")
         if battery is not None and not wireless:
@@ -100,7 +99,6 @@ class ReachyTwin:
         if motors not in p.MODES:
             raise ValueError(f"motors is {motors!r}. Use {', '.join(p.MODES)}")
         self.body = ReachyBody(axes_of(robot), TABLES.table(robot), now_s)
-        self.faults = Faults()
         self.tracking = False
         self._motors = motors
         self._wireless = wireless
@@ -114,14 +112,10 @@ class ReachyTwin:
         self._stuck: Row | None = None
         self.body.mode = motors
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because there is only one server."""
+    def begin_fault(self, fault: Fault) -> None:
         self.body.pass_time()
         self._stuck = self.body.position if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.power_cycle()
 
     def power_cycle(self) -> None:
         self.body.reset()
@@ -500,17 +494,18 @@ def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: in
     return TcpServer(twin, {port: serving_both(lambda: HttpSession(twin), twin.choose)}, log, host)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, ReachyTwinOptions, options)
+def build(robot: str, options: ReachyTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``. Raise ``ValueError`` as ``ReachyTwin`` does."""
     twin = ReachyTwin(
         robot,
-        wireless=twin_options.wireless,
-        motors=twin_options.motors,
-        media=twin_options.media,
-        battery=twin_options.battery,
+        wireless=options.wireless,
+        motors=options.motors,
+        media=options.media,
+        battery=options.battery,
     )
-    run_server(lambda log: serve_twin(twin, log, twin_options.host, twin_options.port), **start)
+    return serve_twin(twin, log, options.host, options.port)
 
 
-__all__ = ["MESSAGES", "MODELLED", "REQUESTS", "ReachyTwin", "ReachyTwinOptions", "main", "serve_twin"]
+main = main_of(ReachyTwinOptions, build)
+
+__all__ = ["MESSAGES", "MODELLED", "REQUESTS", "ReachyTwin", "ReachyTwinOptions", "build", "main", "serve_twin"]

@@ -7,23 +7,19 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Literal, Unpack
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.physics.body import Body
 from strands_actors.drivers.common.twin import (
-    Exchange,
-    Fault,
     NetworkOptions,
     PtyLine,
     Server,
-    Start,
     TcpServer,
+    TwinServer,
     WireLog,
     answering,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 
 from .config import BAUD
@@ -66,51 +62,34 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
-class SerialRobot:
+class SerialRobot(RtuSession):
     """A simulated gripper that is the only device on a serial line."""
 
     def __init__(self, twin: RobotiqTwin, baud: int) -> None:
-        self._twin = twin
-        self._session = RtuSession(twin, baud)
-
-    @property
-    def body(self) -> Body:
-        return self._twin.body
-
-    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        return self._session.receive(data, bits_per_s)
-
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        self._twin.set_fault(fault, unit)
-
-    def power_cycle(self) -> None:
-        self._twin.power_cycle()
+        super().__init__(twin, baud)
+        self.body = twin.body
+        self.set_fault, self.power_cycle = twin.set_fault, twin.power_cycle
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated gripper of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    chosen = read_twin_options(robot, RobotiqTwinOptions, options)
-    own = chosen.host is None and sys.platform.startswith("linux")
-    urcap_port = (URCAP_PORT if own else 0) if chosen.urcap_port is None else chosen.urcap_port
+def build(robot: str, options: RobotiqTwinOptions, log: WireLog) -> TwinServer:
+    """Return the server of a robot of ``robots.toml``."""
     twin = twin_of(
         robot,
-        unit_id=chosen.unit_id,
-        object_mm=chosen.object_mm,
-        activation_s=chosen.activation_s,
-        activated=chosen.activated,
-        echo_s=chosen.echo_s,
-        gflt=chosen.gflt,
+        unit_id=options.unit_id,
+        object_mm=options.object_mm,
+        activation_s=options.activation_s,
+        activated=options.activated,
+        echo_s=options.echo_s,
+        gflt=options.gflt,
     )
+    if options.serial:
+        return Server(SerialRobot(twin, options.baud), PtyLine(options.link), log)
+    own = options.host is None and sys.platform.startswith("linux")
+    urcap_port = (URCAP_PORT if own else 0) if options.urcap_port is None else options.urcap_port
+    handlers = {options.port: answering(lambda: TcpSession(twin) if options.framing == "tcp" else RtuSession(twin))}
+    if urcap_port != options.port:
+        handlers[urcap_port] = answering(lambda: UrcapSession(twin))
+    return TcpServer(twin, handlers, log, options.host)
 
-    def build_serial(wire_log: WireLog) -> Server:
-        line = PtyLine(chosen.link)
-        return Server(SerialRobot(twin, chosen.baud), line, wire_log)
 
-    def build(wire_log: WireLog) -> TcpServer:
-        modbus = answering(lambda: TcpSession(twin) if chosen.framing == "tcp" else RtuSession(twin))
-        handlers = {chosen.port: modbus}
-        if urcap_port != chosen.port:
-            handlers[urcap_port] = answering(lambda: UrcapSession(twin))
-        return TcpServer(twin, handlers, wire_log, chosen.host)
-
-    run_server(build_serial if chosen.serial else build, **start)
+main = main_of(RobotiqTwinOptions, build)

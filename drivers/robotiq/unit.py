@@ -8,14 +8,14 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.drivers.common.twin import Fault, Faults
+from strands_actors.drivers.common.twin import Fault, TwinRobot
 
 from . import protocol as p
 from .body import GripperBody
 from .mechanism import Fingers, Gripper, Setup
 
 
-class RobotiqTwin:
+class RobotiqTwin(TwinRobot):
     """One simulated gripper with its registers, its injected faults, and the model for pictures of it. All clients
     share it."""
 
@@ -29,10 +29,10 @@ class RobotiqTwin:
     ) -> None:
         """Build the gripper. ``table`` is its table in ``robots.toml``, from which the model for pictures is
         built. ``fingers`` are those of a gripper on an arm."""
+        super().__init__()
         self.gripper = Gripper(setup, now_s, fingers)
         self.unit = unit
         self.body = GripperBody(self.gripper, table)
-        self.faults = Faults()
         self._felt = p.Status()
         self._output = p.RESET.registers()
 
@@ -40,14 +40,12 @@ class RobotiqTwin:
     def fault(self) -> Fault:
         return self.faults.of(None)
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because there is only one gripper."""
-        if Fault.OFF in (fault, self.fault):
+    def begin_fault(self, fault: Fault) -> None:
+        if self.is_off and fault is not Fault.OFF:
             self.power_cycle()
         self.gripper.note_request()
         self._felt = self.gripper.status()
         self.gripper.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
 
     def power_cycle(self) -> None:
         self.gripper.power_cycle()

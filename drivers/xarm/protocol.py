@@ -17,7 +17,7 @@ import enum
 import math
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
@@ -152,7 +152,9 @@ PROTOCOL = 2
 """Protocol version of every request. The SDK changes to 3 if the firmware is 1.8.6 or newer. Version 2 is the one
 that the SDK sends first to every firmware."""
 HEARTBEAT_PROTOCOL = 1
-_PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
+STANDARD_MODBUS = 0
+"""Protocol of standard Modbus at the same port, which only a controller accepts."""
+PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
 
 LAST_NUMBER = 0xFFFF
 LONGEST = 1024
@@ -164,7 +166,8 @@ _HEADER = struct.Struct(">HHH")
 class Decoder:
     """Decode a stream of bytes, in pieces of any size, into frames."""
 
-    def __init__(self) -> None:
+    def __init__(self, protocols: Collection[int] = PROTOCOLS) -> None:
+        self._protocols = protocols
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Frame]:
@@ -172,7 +175,7 @@ class Decoder:
         self._pending += data
         while len(self._pending) >= _HEADER.size:
             number, protocol, length = _HEADER.unpack_from(self._pending)
-            if protocol not in _PROTOCOLS or not 1 <= length <= LONGEST:
+            if protocol not in self._protocols or not 1 <= length <= LONGEST:
                 raise MalformedFrame(f"protocol {protocol}, length {length}")
             end = _HEADER.size + length
             if len(self._pending) < end:

@@ -26,7 +26,7 @@ from strands_actors.drivers.franka import wire as franka_wire
 from strands_actors.drivers.franka.arms import HOME_RAD, arm_of
 from strands_actors.drivers.franka.generator import Limits
 from strands_actors.drivers.franka.twin import controller as franka_controller
-from strands_actors.drivers.franka.twin.server import IDLE_TICKS, FrankaServer, Machine
+from strands_actors.drivers.franka.twin.server import IDLE_TICKS, FrankaServer, FrankaTwin
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from tests.memory_udp import Address, Datagram
@@ -113,7 +113,7 @@ class Server(FrankaServer):
             self.controller = franka_controller.Controller(arm, arm.fci)
         self.commands: deque[Datagram] = deque()
         self._arm = robot
-        self._machine = Machine(self.controller)
+        self._twin = FrankaTwin(self.controller)
         self._listeners_of_state: dict[Connection, Address] = {}
         self._mover = None
         self._late = deque()

@@ -105,7 +105,9 @@ def summary(rows: Sequence[Row]) -> str:
     good = sum(verdicts[verdict] for verdict in GOOD)
     clients = len({row["client"] for row in run})
     text = [
-        f"{len(run)} programs of {clients} clients: {good} ran to their end with the body where they sent it, "
+        f"{len(run)} programs of {clients} clients: {good} ran to their end. Of these {verdicts[Verdict.REACHED]} "
+        f"left the body where the program sends it, {verdicts[Verdict.MOVED]} moved it, and "
+        f"{verdicts[Verdict.RAN]} did not ask for a move. "
         f"{verdicts[Verdict.REFUSED]} got the robot's own error, "
         f'{verdicts[Verdict.NOTHING]} were told "done" for nothing.'
     ]

@@ -69,6 +69,7 @@ def run(client: Client, program: Program, fetched: Fetched, keep: Path | None = 
             began_s = time.monotonic()
             with Watch(control) as watch:
                 code, output = execute(command, directory, folder, typed, program.seconds, environment)
+                time.sleep(program.settles)
             took_s = time.monotonic() - began_s
         entries = list(WireLog(twin.log_path).entries())
         calls = Counter(entry.kind for entry in entries if entry.sender == "host")

@@ -26,14 +26,17 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         typed: The lines that a person types into the program, one each second.
         moves: The axes that should move, or True if any should, or False if the program only reads. None: an axis
             should move if the log of the wire has setpoints.
-        reaches: Where axes should be at the end, in radians or metres of the body.
-        within: How far from ``reaches`` an axis may be, in radians or metres.
+        reaches: Where axes should be at the end, in radians or metres of the body, or a name from the client's
+            ``places``.
+        passes: Where axes should turn on their way, in the same units: the extreme position of each.
+        within: How far from ``reaches`` or ``passes`` an axis may be, in radians or metres.
         refusal: A regular expression. A text of the program that matches it is the robot's own error.
         lacks: Why the robot refuses this program, or what the twin does not model.
         broken: The fault of the program itself. The text of the fault matches ``refusal``.
         note: What a reader of the result should know.
         endless: True if the program runs until a person ends it.
         seconds: The time after which the program is ended.
+        settles: For how long the robot may go on after the end, because the client does not wait for its last move.
         robot: Another robot than the client's.
         options: Further options of the twin.
         replaces: Further addresses in the program's text, and what replaces them.
@@ -45,6 +48,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     typed: tuple[str, ...] = ()
     moves: bool | tuple[str, ...] | None = None
     reaches: Mapping[str, float] = {}
+    passes: Mapping[str, float] = {}
     within: float = 0.05
     refusal: str = ""
     lacks: str = ""
@@ -52,6 +56,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     note: str = ""
     endless: bool = False
     seconds: float = 60.0
+    settles: float = 0.0
     robot: str = ""
     options: Mapping[str, bool | int | float | str] = {}
     replaces: Mapping[str, str] = {}
@@ -84,6 +89,7 @@ class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         prelude: Python that runs before a program. It sets only host, port, certificate or login.
         environment: Environment variables.
         options: Options of the twin.
+        places: Positions of all axes that several programs end at, by name.
         program: Its programs.
         part: Only programs that fit ``every`` and have this text in their name.
     """
@@ -106,6 +112,7 @@ class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     prelude: str = ""
     environment: Mapping[str, str] = {}
     options: Mapping[str, bool | int | float | str] = {}
+    places: Mapping[str, Mapping[str, float]] = {}
     program: tuple[Program, ...] = ()
     part: str = ""
 
@@ -122,6 +129,12 @@ def clients(path: Path = TABLE) -> tuple[Client, ...]:
         ValueError: The table is not valid. The text has the reason.
     """
     rows = tomllib.loads(path.read_text())
+    for row in rows["client"]:
+        for program in row.get("program", ()):
+            if isinstance(name := program.get("reaches"), str):
+                if name not in row.get("places", {}):
+                    raise ValueError(f"{path.name}: {row['name']} has no place {name!r}")
+                program["reaches"] = row["places"][name]
     try:
         found = msgspec.convert(rows["client"], tuple[Client, ...])
     except msgspec.ValidationError as wrong:
@@ -141,7 +154,7 @@ def _problems(client: Client) -> Iterator[str]:
             yield f"{client.name}: programs/{rest} does not exist"
         if not kind and not client.examples:
             yield f"{client.name}: {program.file} is an example, and the row does not say where examples are"
-        if program.reaches and program.moves is False:
+        if (program.reaches or program.passes) and program.moves is False:
             yield f"{client.name}: {program.file} cannot reach a place without a move"
         if (program.lacks or program.broken) and not program.refusal:
             yield f"{client.name}: {program.file} fails for a reason, so `refusal` must say how the failure reads"

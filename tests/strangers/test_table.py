@@ -43,9 +43,12 @@ CASES = [
     (program(moves=True), seen(), Verdict.MOVED, ""),
     (program(), seen(), Verdict.MOVED, ""),
     (program(moves=("pan",)), seen(), Verdict.MOVED, ""),
-    (program(reaches={"pan": 0.3}), seen(), Verdict.MOVED, ""),
+    (program(reaches={"pan": 0.3}), seen(), Verdict.REACHED, ""),
+    (program(reaches={"pan": 0.3, "lift": 0.0}), seen(), Verdict.REACHED, ""),
+    (program(passes={"pan": 0.3}), seen(), Verdict.REACHED, ""),
+    (program(passes={"pan": 0.5}), seen(), Verdict.ELSEWHERE, "should turn at 0.5"),
     (program(reaches={"pan": 0.4}), seen(), Verdict.ELSEWHERE, "pan is at 0.3, sent to 0.4"),
-    (program(reaches={"pan": 0.4}, within=0.2), seen(), Verdict.MOVED, ""),
+    (program(reaches={"pan": 0.4}, within=0.2), seen(), Verdict.REACHED, ""),
     (program(reaches={"pan": 0.3, "lift": 1.0}), seen(), Verdict.ELSEWHERE, "lift did not move; lift is at 0"),
     (program(moves=("lift",)), seen(), Verdict.NOTHING, "lift did not move"),
     (program(moves=("tilt",)), seen(), Verdict.ELSEWHERE, "no axis tilt"),
@@ -166,7 +169,8 @@ def test_the_text_has_the_figures_the_days_and_the_rows() -> None:
     assert "1 have a fault of the vendor's." in page.summary([row("new", Verdict.BROKEN, "x")])
     text = page.text_of(rows)
     assert text.startswith("Between 3 November 2026 and 5 November 2026, 2 programs of 1 clients: 1 ran")
-    assert 'with the body where they sent it, 0 got the robot\'s own error, 1 were told "done" for nothing.' in text
+    assert "Of these 0 left the body where the program sends it, " in text
+    assert '0 got the robot\'s own error, 1 were told "done" for nothing.' in text
     assert "1 more were not run on this machine." in text
     assert "| bus 1.0 | `move` | so101 | 2 setpoint, 1 safe, 7 other | pan 0.00 to 0.30 | moved |\n" in text
     assert "| no frame | nothing | done for nothing (no axis moved) |\n" in text

@@ -1,7 +1,7 @@
 """Judge a program by what the robot's body did. Pure functions: no I/O, no clock.
 
 the program                 the body                       verdict
-ran to its end              is where it was sent           MOVED
+ran to its end              is where it was sent           REACHED
 ran to its end              moved, and no place is given   MOVED
 ran to its end              was not asked to move          RAN
 ran to its end              was sent and stood still       NOTHING   the robot said "done" and did nothing
@@ -30,6 +30,7 @@ ASKING = ("setpoint",)
 class Verdict(enum.StrEnum):
     """What became of a program."""
 
+    REACHED = "reached"
     MOVED = "moved"
     RAN = "ran"
     REFUSED = "refused"
@@ -42,7 +43,7 @@ class Verdict(enum.StrEnum):
     ABSENT = "not run"
 
 
-GOOD = (Verdict.MOVED, Verdict.RAN)
+GOOD = (Verdict.REACHED, Verdict.MOVED, Verdict.RAN)
 HONEST = (*GOOD, Verdict.REFUSED, Verdict.BROKEN, Verdict.ABSENT)
 """With another verdict the command ends with an error."""
 
@@ -105,19 +106,23 @@ def _judge_body(program: Program, seen: Seen) -> Judged:
     stood = [axis for axis in sent if axis not in seen.moved]
     if sent and len(stood) == len(sent):
         return Judged(Verdict.NOTHING, f"{', '.join(sent)} did not move")
+    # An axis that was at its place from the begin need not move.
+    stood = [axis for axis in stood if axis not in program.reaches or _is_elsewhere(program, seen, axis)]
     if not seen.moved and _should_move(program, seen):
         return Judged(Verdict.NOTHING, "no axis moved")
     if program.moves is False and seen.moved:
         return Judged(Verdict.ELSEWHERE, f"{', '.join(seen.moved)} moved, but it only reads")
     if missed := "; ".join([*(f"{axis} did not move" for axis in stood), *_missed(program, seen)]):
         return Judged(Verdict.ELSEWHERE, missed)
+    if program.reaches or program.passes:
+        return Judged(Verdict.REACHED)
     return Judged(Verdict.MOVED if _should_move(program, seen) else Verdict.RAN)
 
 
 def _axes_sent(program: Program) -> tuple[str, ...]:
     """Return the axes that the row of the table names."""
     named = program.moves if isinstance(program.moves, tuple) else ()
-    return tuple(dict.fromkeys([*named, *program.reaches]))
+    return tuple(dict.fromkeys([*named, *program.reaches, *program.passes]))
 
 
 def _should_move(program: Program, seen: Seen) -> bool:
@@ -131,9 +136,16 @@ def _should_move(program: Program, seen: Seen) -> bool:
 def _missed(program: Program, seen: Seen) -> Iterator[str]:
     """Yield which axes are not where the program sent them."""
     for axis, goal in program.reaches.items():
-        end = seen.rows[axis].end
-        if not abs(end - goal) <= program.within:
-            yield f"{axis} is at {end:.3g}, sent to {goal:g}"
+        if _is_elsewhere(program, seen, axis):
+            yield f"{axis} is at {seen.rows[axis].end:.3g}, sent to {goal:g}"
+    for axis, goal in program.passes.items():
+        row = seen.rows[axis]
+        if not min(abs(row.least - goal), abs(row.most - goal)) <= program.within:
+            yield f"{axis} was between {row.least:.3g} and {row.most:.3g}, and should turn at {goal:g}"
+
+
+def _is_elsewhere(program: Program, seen: Seen, axis: str) -> bool:
+    return not abs(seen.rows[axis].end - program.reaches[axis]) <= program.within
 
 
 def one_line(text: str, longest: int = 100) -> str:

@@ -9,11 +9,8 @@ status the function is carried out and not answered. The status ``-`` restores t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Unpack
-
 from strands_actors.drivers.booster.robots import model_of
-from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin import WireLog, main_of
 
 from .requests import REQUESTS, TOPICS
 from .server import BoosterServer, BoosterTwinOptions
@@ -21,12 +18,9 @@ from .server import BoosterServer, BoosterTwinOptions
 MODELLED = (TOPICS, REQUESTS)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, BoosterTwinOptions, options)
-    model = model_of(robot)
+def build(robot: str, options: BoosterTwinOptions, log: WireLog) -> BoosterServer:
+    """Return the server of a robot of ``robots.toml``."""
+    return BoosterServer(model_of(robot), log, options)
 
-    def build(wire_log: WireLog) -> BoosterServer:
-        return BoosterServer(model, wire_log, twin_options)
 
-    run_server(build, **start)
+main = main_of(BoosterTwinOptions, build)

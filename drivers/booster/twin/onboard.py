@@ -251,7 +251,7 @@ class Onboard:
                 transform = transform_between(self.body, body.get("src"), body.get("dst"))
                 return (rpc.BAD_REQUEST, None) if transform is None else (rpc.OK, transform)
             case Api.GET_SENSORS | Api.GET_HANDS | Api.GET_ROBOT_MODEL:
-                return rpc.OK, device_info(self.model, api)
+                return rpc.OK, device_info(self.model, self.body, api)
         return rpc.REFUSED, None
 
     def _move(self, twist: Row) -> tuple[int, Any]:

@@ -21,7 +21,7 @@ REQUESTS: Modelled[int] = Modelled(
         Api.RESET_ODOMETRY: "sets the odometry to the given pose, or to zero without one",
         Api.GET_SENSORS: "returns the inertial unit of the model",
         Api.GET_HANDS: "returns an empty list, because the model has no hands",
-        Api.GET_ROBOT_MODEL: "returns the name and the motors of the model",
+        Api.GET_ROBOT_MODEL: "returns the links and joints of the model",
     },
     f"status {rpc.REFUSED}, refused",
 )

@@ -1,16 +1,17 @@
 """The common part of all simulated robots: the process, the serial port or network that it serves, the log, the
 faults.
 
-The ``twin.py`` of each driver defines a ``Robot`` (received bytes in, timed replies out). Its ``main`` calls
-``run``. A robot on TCP defines a handler per port instead, and its ``main`` calls ``run_server`` with a
-``TcpServer``.
+The ``twin`` of each driver defines a ``TwinRobot`` with its faults, restarts and control cycle. Its clients are
+served by a session (received bytes in, timed replies out) on a ``Server`` with one cable, or by a handler for each
+port of a ``TcpServer``. ``main_of`` makes the ``main`` of its process.
 """
 
 from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
 from .options import HostOption, NetworkOptions, Port, TwinOptions, read_twin_options
-from .process import Start, run, run_server
-from .server import Controls, Exchange, Robot, Server, TwinSession
+from .process import Start, main_of, run_server
+from .robot import Controls, TwinRobot
+from .server import Exchange, Robot, Server, TwinServer, TwinSession
 from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
 from .unix import UnixServer
 from .wirelog import WireLog
@@ -34,13 +35,15 @@ __all__ = [
     "Start",
     "TcpServer",
     "TwinOptions",
+    "TwinRobot",
+    "TwinServer",
     "TwinSession",
     "UnixServer",
     "WireLog",
     "answering",
+    "main_of",
     "own_host",
     "parse_fault",
     "read_twin_options",
-    "run",
     "run_server",
 ]

@@ -32,10 +32,10 @@ class NetworkOptions(HostOption, frozen=True):
     port: Port = 0
 
 
-Options = TypeVar("Options", bound=TwinOptions)
+OptionsT = TypeVar("OptionsT", bound=TwinOptions)
 
 
-def read_twin_options(robot: str, options: type[Options], keywords: Mapping[str, Any] | None) -> Options:
+def read_twin_options(robot: str, options: type[OptionsT], keywords: Mapping[str, Any] | None) -> OptionsT:
     """Convert the keyword arguments of a simulated robot's ``main`` into its options struct.
 
     Args:
@@ -52,4 +52,4 @@ def read_twin_options(robot: str, options: type[Options], keywords: Mapping[str,
         raise ValueError(str(unknown)) from None
 
 
-__all__ = ["HostOption", "NetworkOptions", "Port", "TwinOptions", "read_twin_options"]
+__all__ = ["HostOption", "NetworkOptions", "OptionsT", "Port", "TwinOptions", "read_twin_options"]

@@ -10,7 +10,7 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import trio
@@ -19,9 +19,9 @@ from strands_actors.drivers.common.physics.body import body_of
 from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .lateness import Lateness
-from .line import Line
+from .options import OptionsT, read_twin_options
 from .orders import serve_orders
-from .server import Robot, Server
+from .robot import HasControlLines
 from .wirelog import WireLog
 
 LINGER_S = 3.0
@@ -43,15 +43,6 @@ class SimulatedRobot(Protocol):
     def freeze(self, seconds: float) -> None: ...
     async def serve(self) -> None: ...
     def close(self) -> None: ...
-
-
-@runtime_checkable
-class HasControlLines(Protocol):
-    """A simulated robot that accepts additional control lines (commands on the standard input of its process)."""
-
-    def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line, split into words. Return False if this robot does not know the line."""
-        ...
 
 
 @runtime_checkable
@@ -92,29 +83,35 @@ class Start(TypedDict, total=False):
     """Whether only the wire drives the robot. The simulation control then serves viewers only."""
 
 
-def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
-    """Serve a simulated robot until SIGTERM or SIGINT. It also ends ``LINGER_S`` after the parent process has
-    ended.
+class Main(Protocol):
+    """The function of a simulated robot's process, which ``Driver.TWIN`` names."""
 
-    SIGUSR1 switches the robot's power off and on. Control lines are read from the socket ``orders``, and from stdin
-    if that is a pipe: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A robot
-    with several clients also accepts ``late PID SECONDS`` (see ``lateness``).
+    def __call__(self, robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None: ...
+
+
+def main_of(options_type: type[OptionsT], build: Callable[[str, OptionsT, WireLog], SimulatedRobot]) -> Main:
+    """Return the ``main`` of a simulated robot: it runs the robot of ``robots.toml`` until interrupted.
 
     Args:
-        robot: The robot.
-        line: The robot's end of the cable.
-        wire_time: True if a reply takes as long as its bytes take at the client's bit rate.
-        start: See ``Start``.
+        options_type: The options of this robot.
+        build: Builds the server of a robot from its name, its options and the log. It raises ``ValueError`` for an
+            option that the robot cannot have.
     """
 
-    def build(wire_log: WireLog) -> Server:
-        return Server(robot, line, wire_log, wire_time=wire_time)
+    def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+        chosen = read_twin_options(robot, options_type, options)
+        run_server(lambda log: build(robot, chosen, log), **start)
 
-    run_server(build, **start)
+    return main
 
 
 def run_server(build: Callable[[WireLog], SimulatedRobot], **start: Unpack[Start]) -> None:
-    """Serve a simulated robot as ``run`` does, with the server that ``build`` returns. ``build`` gets the log.
+    """Serve a simulated robot until SIGTERM or SIGINT. ``build`` gets the log and returns the server.
+
+    It also ends ``LINGER_S`` after the parent process has ended. SIGUSR1 switches the robot's power off and on.
+    Control lines are read from the socket ``orders``, and from stdin if that is a pipe: ``fault WORD[:unit]``,
+    ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A robot with several clients also accepts ``late PID
+    SECONDS`` (see ``lateness``).
 
     If a client uses the robot's real protocol, the process runs with priority, because a real robot has its own
     computer. If the robot is only simulated, it has no priority. Otherwise a program that steps it without a pause
@@ -123,8 +120,6 @@ def run_server(build: Callable[[WireLog], SimulatedRobot], **start: Unpack[Start
     Raises:
         ValueError: ``control`` is given, and the robot has no simulated body.
     """
-    if start.get("control") is None or start.get("on_wire"):
-        run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
 
 
@@ -143,6 +138,8 @@ async def _main(
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
+    if control is None or on_wire:
+        run_first(TWIN_PRIORITY)
     opened: Control | None = None
     try:
         if control is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -17,8 +18,9 @@ import trio
 from strands_actors.drivers.common.physics.body import Body, body_of
 
 from .alarm import NS, new_alarm
-from .faults import Fault, Reply, parse_fault
+from .faults import Reply, parse_fault
 from .line import Channel, Line
+from .robot import Controls, HasControlLines, TwinRobot
 from .wirelog import WireLog
 
 BITS_PER_BYTE = 10  # a start bit, 8 data bits and a stop bit (8N1)
@@ -52,14 +54,6 @@ class TwinSession(Protocol):
             bits_per_s: The client's bit rate; None if the transfer of bytes takes no time.
         """
         ...
-
-
-class Controls(Protocol):
-    """Events that a test can cause in a simulated robot."""
-
-    def set_fault(self, fault: Fault, unit: int | None) -> None: ...
-
-    def power_cycle(self) -> None: ...
 
 
 @runtime_checkable
@@ -212,50 +206,99 @@ class Conversation:
         self._channel.send(b"".join(data for _, data in frames))
 
 
-class Server:
-    """Serve one simulated robot on one cable. The public methods cause events while the robot runs."""
+class TwinServer(ABC):
+    """Serve one simulated robot. The public methods cause events while it runs."""
 
-    def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
+    def __init__(self, robot: Controls, log: WireLog) -> None:
         self._robot = robot
-        self._line = line
         self._log = log
         self._frost = Frost()
-        self._conversation = Conversation(robot, line, log, self._frost, wire_time=wire_time)
 
     @property
+    @abstractmethod
     def address(self) -> str:
-        return self._line.address
+        """Return the path or address to which clients connect."""
 
     @property
     def body(self) -> Body:
         """The robot's simulated body. Raise ``ValueError`` if it has no body."""
         return body_of(self._robot)
 
+    @abstractmethod
+    def plug(self) -> None:
+        """Plug the robot's cable in."""
+
+    @abstractmethod
+    def unplug(self) -> None:
+        """Pull the robot's cable. The robot does not notice it."""
+
     def set_fault(self, text: str) -> None:
         """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:number`` for one motor or
         part. Raise ``ValueError`` for any other text."""
-        self._robot.set_fault(*parse_fault(text))
+        robot = self._robot
+        was_off = self._is_off
+        robot.set_fault(*parse_fault(text))
+        if isinstance(robot, TwinRobot) and robot.RESTART_CUTS and robot.is_off is not was_off:
+            self.plug() if was_off else self.unplug()
+
+    @property
+    def _is_off(self) -> bool:
+        return isinstance(self._robot, TwinRobot) and self._robot.is_off
 
     def power_cycle(self) -> None:
+        """Switch the robot's power off and on. This may end every connection (see ``TwinRobot.RESTART_CUTS``)."""
         self._robot.power_cycle()
-
-    def unplug(self) -> None:
-        """Pull the robot's cable. The robot does not notice it."""
-        self._line.unplug()
-
-    def plug(self) -> None:
-        self._line.plug()
+        if isinstance(self._robot, TwinRobot) and self._robot.RESTART_CUTS:
+            self.unplug()
+            if not self._is_off:
+                self.plug()
 
     def freeze(self, seconds: float) -> None:
         """Stop reading and answering for ``seconds``. Then the robot handles the bytes that have waited."""
         self._frost.freeze(seconds)
 
+    def order(self, words: Sequence[str]) -> bool:
+        """Carry out a control line of this robot. Return False if it does not know the line."""
+        return isinstance(self._robot, HasControlLines) and self._robot.order(words)
+
     async def serve(self) -> None:
-        """Serve the robot's client until cancelled."""
+        """Serve the robot's clients, and run its control cycle, until cancelled."""
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._conversation.serve)
-            if isinstance(self._robot, HasEvents) and self._robot.has_events:
-                nursery.start_soon(self._frost.every, EVENTS_S, partial(self._log_events, self._robot))
+            self.start(nursery)
+            if isinstance(self._robot, TwinRobot) and self._robot.TICK_S:
+                nursery.start_soon(self._frost.every, self._robot.TICK_S, self._robot.tick)
+
+    @abstractmethod
+    def start(self, nursery: trio.Nursery) -> None:
+        """Start the tasks that serve the clients."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the ports at the end of the process."""
+
+
+class Server(TwinServer):
+    """Serve one simulated robot on one cable."""
+
+    def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
+        super().__init__(robot, log)
+        self._line = line
+        self._conversation = Conversation(robot, line, log, self._frost, wire_time=wire_time)
+
+    @property
+    def address(self) -> str:
+        return self._line.address
+
+    def plug(self) -> None:
+        self._line.plug()
+
+    def unplug(self) -> None:
+        self._line.unplug()
+
+    def start(self, nursery: trio.Nursery) -> None:
+        nursery.start_soon(self._conversation.serve)
+        if isinstance(self._robot, HasEvents) and self._robot.has_events:
+            nursery.start_soon(self._frost.every, EVENTS_S, partial(self._log_events, self._robot))
 
     def _log_events(self, robot: HasEvents) -> None:
         self._log.write(time.monotonic_ns(), "robot", robot.events())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
+from typing import Annotated, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.body import Commander
@@ -17,8 +17,8 @@ from .assembly import AS_IN_TABLE, BuiltIn, parse_assembly
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
 from .options import TwinOptions
-from .process import Start, run
-from .server import Exchange
+from .server import Exchange, Server
+from .wirelog import WireLog
 
 TORN_FRAME_S = 0.01
 """An incomplete frame is dropped after a pause of so long [assumed]."""
@@ -321,7 +321,7 @@ class BusOptions(TwinOptions, frozen=True):
     ] = None
 
 
-def serve(robot: ServoBus[Any, Any], options: BusOptions, **start: Unpack[Start]) -> None:
-    """Serve a simulated robot on a serial port until interrupted (see ``run``)."""
+def serve(robot: ServoBus[Any, Any], options: BusOptions, log: WireLog) -> Server:
+    """Return the server of a simulated robot on a serial port."""
     robot.assemble(options.assembly)
-    run(robot, PtyLine(options.link), wire_time=options.wire_time, **start)
+    return Server(robot, PtyLine(options.link), log, wire_time=options.wire_time)

@@ -14,17 +14,15 @@ import socket
 import struct
 import sys
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 import trio
 
-from strands_actors.drivers.common.physics.body import Body, body_of
-
-from .faults import parse_fault
 from .lateness import Lateness
 from .line import CHUNK
-from .server import Controls, Conversation, Frost, TwinSession
+from .robot import Controls
+from .server import Conversation, Frost, TwinServer, TwinSession
 from .wirelog import WireLog
 
 BACKLOG = 64
@@ -166,47 +164,27 @@ def answering(new_session: Callable[[], TwinSession]) -> Handler:
     return handle
 
 
-class StreamServer(ABC):
+class StreamServer(TwinServer):
     """Serve one simulated robot on several ports, each with its handler (the function that serves one connection).
 
     A test calls the public methods while the robot runs, for example to cut its connections or its power.
     """
 
     def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
-        self._robot = robot
+        super().__init__(robot, log)
         self._handlers = list(handlers)
-        self._log = log
-        self._frost = Frost()
         self._connections: set[Connection] = set()
         self._lateness = Lateness()
         self._plugged = trio.Event()
         self._listeners: list[socket.socket] = []
 
-    @property
-    @abstractmethod
-    def address(self) -> str:
-        """Return the address to which clients connect."""
-
     @abstractmethod
     def listen(self) -> list[socket.socket]:
         """Open a listener for each handler. Raise ``OSError``."""
 
-    def forget(self) -> None:  # noqa: B027  # TCP leaves nothing to remove
+    def forget(self) -> None:  # TCP leaves nothing to remove
         """Remove what is left of the server's address after the cable was pulled, such as the path of a unix
         socket."""
-
-    @property
-    def body(self) -> Body:
-        """The robot's simulated body. Raise ``ValueError`` if it has no body."""
-        return body_of(self._robot)
-
-    def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:number`` for one motor or
-        part. Raise ``ValueError`` for any other text."""
-        self._robot.set_fault(*parse_fault(text))
-
-    def power_cycle(self) -> None:
-        self._robot.power_cycle()
 
     def plug(self) -> None:
         if not self._listeners:
@@ -214,7 +192,6 @@ class StreamServer(ABC):
             self._plugged.set()
 
     def unplug(self) -> None:
-        """Pull the robot's cable. The robot does not notice it."""
         # If the cable is already unplugged, tasks wait for the present event, so it must stay.
         if self._plugged.is_set():
             self._plugged = trio.Event()
@@ -226,21 +203,15 @@ class StreamServer(ABC):
         for connection in list(self._connections):
             connection.abort()
 
-    def freeze(self, seconds: float) -> None:
-        """Stop reading and answering for ``seconds``. Then the robot handles the bytes that have waited."""
-        self._frost.freeze(seconds)
-
     def set_delay(self, lateness: Lateness) -> None:
         """Delay the requests of one client process, on its open connections and on new ones."""
         self._lateness = lateness
         for connection in self._connections:
             connection.set_delay(lateness)
 
-    async def serve(self) -> None:
-        """Serve the robot's clients until cancelled."""
-        async with trio.open_nursery() as nursery:
-            for index in range(len(self._handlers)):
-                nursery.start_soon(self._accept, index, nursery)
+    def start(self, nursery: trio.Nursery) -> None:
+        for index in range(len(self._handlers)):
+            nursery.start_soon(self._accept, index, nursery)
 
     def close(self) -> None:
         self.unplug()

@@ -13,7 +13,7 @@ import socket
 import stat
 import tempfile
 
-from .server import Controls
+from .robot import Controls
 from .tcp import BACKLOG, Handler, StreamServer
 from .wirelog import WireLog
 

@@ -13,25 +13,22 @@ import random
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
-from typing import Annotated, Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
 import trio
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
     Reply,
-    Start,
+    TwinRobot,
+    TwinServer,
     WireLog,
+    main_of,
     own_host,
-    parse_fault,
-    read_twin_options,
-    run_server,
 )
 from strands_actors.drivers.common.twin.lateness import Lateness
-from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.crazyflie.robots import TABLES
 from strands_actors.kernel.clock import NS, MonotonicClock
 
@@ -57,14 +54,30 @@ WRONG_M = 1.0
 SEED = 23
 
 
-class CrazyflieServer:
-    """Serve one simulated drone. The methods at the end inject faults."""
+class Drone(TwinRobot):
+    """The faults and restarts of one simulated drone."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        super().__init__()
+        self.firmware = firmware
+        self.body = CrazyflieBody(firmware)
+
+    def begin_fault(self, fault: Fault) -> None:
+        firmware = self.firmware
+        firmware.pass_time()
+        firmware.stuck = None
+        firmware.stuck = firmware.reading if fault is Fault.STUCK else None
+        firmware.wrong_m = WRONG_M if fault is Fault.WRONG else 0.0
+
+    def power_cycle(self) -> None:
+        self.firmware.boot()
+
+
+class CrazyflieServer(TwinServer):
+    """Serve one simulated drone over its link."""
 
     def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: CrazyflieTwinOptions) -> None:
-        self._log = log
         self._end = end
-        self._faults = Faults()
-        self._frost = Frost()
         self._clock = MonotonicClock()
         self._chance = random.Random(SEED)
         self._loss, self._delay_s = options.loss, options.delay_s
@@ -79,26 +92,25 @@ class CrazyflieServer:
             protocol=options.protocol,
             auto_arm=options.auto_arm,
             spin_up_s=options.spin_up_s,
-            note=self._note,
+            note=lambda text: log.write(time.monotonic_ns(), "robot", [("note", text.encode())]),
         )
-        self.body = CrazyflieBody(self.firmware)
+        self._drone = Drone(self.firmware)
+        super().__init__(self._drone, log)
         self._trace = open(options.trace, "w", buffering=1) if options.trace else None  # noqa: SIM115  # closed with the twin
 
     @property
     def address(self) -> str:
         return self._end.address
 
-    async def serve(self) -> None:
-        """Run the simulated drone and process the clients' packets until cancelled."""
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._listen)
-            nursery.start_soon(self._tick)
+    def start(self, nursery: trio.Nursery) -> None:
+        nursery.start_soon(self._listen)
+        nursery.start_soon(self._tick)
 
     async def _listen(self) -> None:
         while True:
             packet = await self._end.receive()
             await self._frost.thawed()
-            if self._faults.of(None) is not Fault.OFF:
+            if not self._drone.is_off:
                 self._pass_on(packet, to_robot=True, late_s=self._late_s())
 
     def _late_s(self) -> float:
@@ -153,33 +165,12 @@ class CrazyflieServer:
             self._send_reply(reply)
 
     def _send_reply(self, packet: bytes) -> None:
-        reply = self._faults.apply(Reply(0.0, packet))
+        reply = self._drone.faults.apply(Reply(0.0, packet))
         if reply is not None:
             self._log.write(time.monotonic_ns(), "robot", [("read", reply.data)])
             self._pass_on(reply.data, to_robot=False, late_s=reply.delay_s + reply.late_s)
 
-    def _note(self, text: str) -> None:
-        self._log.write(time.monotonic_ns(), "robot", [("note", text.encode())])
-
-    # -- faults
-
-    def set_fault(self, text: str) -> None:
-        """Inject a fault. ``text`` is only the name of the fault, because the drone has no parts that fail
-        separately. Raise ``ValueError`` for another text."""
-        fault, unit = parse_fault(text)
-        if unit is not None:
-            raise ValueError(f"fault {text!r}: a Crazyflie has no units. Use {fault} alone")
-        firmware = self.firmware
-        firmware.pass_time()
-        firmware.stuck = None
-        firmware.stuck = firmware.reading if fault is Fault.STUCK else None
-        firmware.wrong_m = WRONG_M if fault is Fault.WRONG else 0.0
-        self._faults.set(fault)
-        if fault is Fault.OFF:
-            firmware.boot()
-
-    def power_cycle(self) -> None:
-        self.firmware.boot()
+    # -- events
 
     def plug(self) -> None:
         self._end.plug()
@@ -192,10 +183,6 @@ class CrazyflieServer:
         """Delay the UDP packets of one client process."""
         self._lateness = lateness
         self._late_of.clear()
-
-    def freeze(self, seconds: float) -> None:
-        """Neither read nor answer for ``seconds``, then process the packets that have waited."""
-        self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -228,12 +215,9 @@ def open_end(options: CrazyflieTwinOptions) -> End:
     return ends[options.link]()
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    settings = read_twin_options(robot, CrazyflieTwinOptions, options)
-    table = TABLES.table(robot)
+def build(robot: str, options: CrazyflieTwinOptions, log: WireLog) -> CrazyflieServer:
+    """Return the server of a robot of ``robots.toml``."""
+    return CrazyflieServer(TABLES.table(robot), log, open_end(options), options)
 
-    def build(wire_log: WireLog) -> CrazyflieServer:
-        return CrazyflieServer(table, wire_log, open_end(settings), settings)
 
-    run_server(build, **start)
+main = main_of(CrazyflieTwinOptions, build)

@@ -8,11 +8,10 @@ ERROR``, ``mode MODE`` and ``success-rate NUMBER|measured``. The names are in ``
 from __future__ import annotations
 
 import gc
-from collections.abc import Mapping
-from typing import Annotated, Any, Unpack
+from typing import Annotated
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.twin import HostOption, Start, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin import HostOption, WireLog, main_of
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.drivers.franka.protocol import DIALECTS
 
@@ -37,20 +36,18 @@ class FrankaTwinOptions(HostOption, frozen=True):
     ] = None
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated controller of an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    chosen = read_twin_options(robot, FrankaTwinOptions, options)
-    fci = arm_of(robot).fci if chosen.fci is None else chosen.fci
+def build(robot: str, options: FrankaTwinOptions, log: WireLog) -> FrankaServer:
+    """Return the server of an arm of ``robots.toml``. Raise ``ValueError`` for an unknown version of the
+    interface."""
+    fci = arm_of(robot).fci if options.fci is None else options.fci
     if fci not in DIALECTS:
         raise ValueError(f"fci is {fci}. Use one of {', '.join(map(str, DIALECTS))}")
     gc.collect()
     gc.freeze()  # A full garbage collection would stop this process for many milliseconds.
-
-    def build(wire_log: WireLog) -> FrankaServer:
-        wait_s = chosen.tick_wait_ms / 1e3
-        return FrankaServer(robot, fci, wire_log, chosen.host, wait_s, chosen.stretches, chosen.states_from)
-
-    run_server(build, **start)
+    wait_s = options.tick_wait_ms / 1e3
+    return FrankaServer(robot, fci, log, options.host, wait_s, options.stretches, options.states_from)
 
 
-__all__ = ["MODELLED", "FrankaServer", "FrankaTwinOptions", "main"]
+main = main_of(FrankaTwinOptions, build)
+
+__all__ = ["MODELLED", "FrankaServer", "FrankaTwinOptions", "build", "main"]

@@ -220,7 +220,7 @@ class Controller:
         self._answered.append(command is not None)
         if command is None:
             motion.missed += 1
-            if motion.missed > p.MISSED_TICKS:
+            if motion.missed >= p.MISSED_TICKS:
                 return self.reflex("communication_constraints_violation")
             refused = self._go_on(motion)
             return self.reflex(refused) if refused else None

@@ -95,7 +95,7 @@ TIME: Modelled[str] = Modelled(
     {
         "a command within 1 ms": "is in time, as on a real controller",
         "no command within 1 ms": "counts as missed, and the controller goes on at constant acceleration",
-        "more than 20 missed commands in a row": "reflex communication_constraints_violation",
+        "20 missed commands in a row": "reflex communication_constraints_violation",
     },
     "While all processors of this computer are busy, the twin waits up to 10 ms for a command (options "
     "tick_wait_ms and stretches), and its log has the number of stretched milliseconds of each motion",

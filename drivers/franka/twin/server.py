@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import trio
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Faults, Reply, TcpServer, WireLog
+from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Reply, TcpServer, TwinRobot, WireLog
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import JOINTS, arm_of
 
@@ -48,28 +48,23 @@ LIMIT_SIZE = 1 + 24 + 128 + 1
 KINDS = {"move": "enable", "stop": "safe", "recover": "enable"}
 
 
-class Machine:
-    """Set faults of the simulated robot, and restart it."""
+class FrankaTwin(TwinRobot):
+    """The faults and restarts of one simulated controller. A joint has a number from 1 to 7. After a restart the
+    controller is ready for a motion."""
+
+    PARTS = range(1, JOINTS + 1)
+    RESTART_CUTS = True
 
     def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self.controller = controller
-        self.faults = Faults()
+        self.body = FrankaBody(controller)
 
-    def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault.
+    def begin_fault(self, fault: Fault) -> None:
+        self.controller.fault = fault
 
-        Args:
-            fault: The fault.
-            unit: 1 to 7 for a joint, which can only get stuck. None for a fault of everything that the controller
-                sends.
-        """
-        if unit is None:
-            self.faults.set(fault)
-            self.controller.fault = fault
-        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= JOINTS:
-            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
-        else:
-            raise ValueError(f"a joint, 1 to {JOINTS}, can be ok or stuck, not {fault}")
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.plant.set_stuck(index, on)
 
     def power_cycle(self) -> None:
         self.controller.reset()
@@ -106,22 +101,17 @@ class FrankaServer(TcpServer):
         arm = arm_of(robot)
         self.controller = Controller(arm, fci, on_event)
         self._model = urdf(arm).encode() if fci == 10 else b""
-        self._machine = Machine(self.controller)
-        self._body = FrankaBody(self.controller)
+        self._twin = FrankaTwin(self.controller)
         self._name = robot
         self._pace = Pace(tick_wait_s, stretches, Processors())
         self._has_warned = False  # True after the warning that time is stretched.
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover: Connection | None = None
         self._late: deque[tuple[float, bytes]] = deque()
-        super().__init__(self._machine, {p.PORT: self._attend_client}, log, host)
+        super().__init__(self._twin, {p.PORT: self._attend_client}, log, host)
         self._udp = socket.socket(type=socket.SOCK_DGRAM)
         self._udp.setblocking(False)
         self._udp.bind((states_from or self.host, 0))
-
-    @property
-    def body(self) -> FrankaBody:
-        return self._body
 
     @property
     def _dialect(self) -> p.Dialect:
@@ -132,14 +122,6 @@ class FrankaServer(TcpServer):
     def set_fault(self, text: str) -> None:
         super().set_fault(text)
         self._late.clear()
-        if self._machine.faults.of(None) is Fault.OFF:
-            self.unplug()
-
-    def power_cycle(self) -> None:
-        """Close every connection and restart the controller. Afterwards it is ready for a motion."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -238,10 +220,9 @@ class FrankaServer(TcpServer):
 
     # -- states and commands on UDP, and the ticks of the controller
 
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._pass_time)
+    def start(self, nursery: trio.Nursery) -> None:
+        super().start(nursery)
+        nursery.start_soon(self._pass_time)
 
     async def _pass_time(self) -> None:
         due_s = time.monotonic()
@@ -307,7 +288,7 @@ class FrankaServer(TcpServer):
         self._end(self.controller.tick())
         if not self._listeners_of_state:
             return
-        reply = self._machine.faults.apply(Reply(0.0, self.controller.state()))
+        reply = self._twin.faults.apply(Reply(0.0, self.controller.state()))
         now_s = time.monotonic()
         if reply is not None:
             self._late.append((now_s + reply.delay_s + reply.late_s, reply.data))

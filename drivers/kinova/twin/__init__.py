@@ -8,8 +8,8 @@ frames (wire log) shows no passwords.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated, Any
 
 import msgspec
 import trio
@@ -22,15 +22,13 @@ from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
     Fault,
-    Faults,
     NetworkOptions,
     Port,
     Reply,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.server import Conversation
 from strands_actors.drivers.common.twin.tcp import Connection
@@ -60,9 +58,6 @@ class KinovaTwinOptions(NetworkOptions, frozen=True):
     )
 
 
-TICK_S = 0.01
-
-
 class KinovaBody(ControlledBody):
     def __init__(self, base: Base) -> None:
         super().__init__(base.plant, base.advance)
@@ -89,22 +84,36 @@ class KinovaBody(ControlledBody):
         self._base.wake_up()
 
 
-class KinovaTwin:
-    """The simulated robot: one base with its arm, which all clients share."""
+class KinovaTwin(TwinRobot):
+    """The simulated robot: one base with its arm, which all clients share. A restart closes every session."""
+
+    TICK_S = 0.01
+    RESTART_CUTS = True
 
     def __init__(self, base: Base) -> None:
+        super().__init__()
         self.base = base
         self.body = KinovaBody(base)
-        self.faults = Faults()
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because this robot has only one unit."""
+    def begin_fault(self, fault: Fault) -> None:
         self.base.advance()
         self.base.set_fault(fault)
-        self.faults.set(fault)
 
     def power_cycle(self) -> None:
         self.base.wake_up()
+
+    def tick(self) -> None:
+        self.base.advance()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["state", name] if name in p.ArmState.__members__:
+                self.base.set_state(p.ArmState[name])
+            case ["mode", name] if name in p.ServoingMode.__members__:
+                self.base.set_mode(p.ServoingMode[name])
+            case _:
+                return False
+        return True
 
 
 class KortexSession:
@@ -178,41 +187,9 @@ class KinovaServer(TcpServer):
         super().unplug()
         self._datagrams.unplug()
 
-    def set_fault(self, text: str) -> None:
-        was_off = self._twin.faults.of(None) is Fault.OFF
-        super().set_fault(text)
-        if self._twin.faults.of(None) is Fault.OFF:
-            self.unplug()
-        elif was_off:
-            self.power_cycle()
-
-    def power_cycle(self) -> None:
-        """Restart the base, which closes every connection and every session."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
-
-    def order(self, words: Sequence[str]) -> bool:
-        match words:
-            case ["state", name] if name in p.ArmState.__members__:
-                self._twin.base.set_state(p.ArmState[name])
-            case ["mode", name] if name in p.ServoingMode.__members__:
-                self._twin.base.set_mode(p.ServoingMode[name])
-            case _:
-                return False
-        return True
-
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._tick)
-            nursery.start_soon(self._datagrams.serve, self._frost)
-
-    async def _tick(self) -> None:
-        while True:
-            await self._frost.thawed()
-            self._twin.base.advance()
-            await trio.sleep(TICK_S)
+    def start(self, nursery: trio.Nursery) -> None:
+        super().start(nursery)
+        nursery.start_soon(self._datagrams.serve, self._frost)
 
     async def _attend_client(self, connection: Connection) -> None:
         session = KortexSession(self._twin, lambda frame: connection.send_logged("notification", frame.encode()))
@@ -224,18 +201,16 @@ def twin_of(robot: str, **options: Any) -> KinovaTwin:
     return KinovaTwin(Base(TABLES.table(robot), **options))
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    chosen = read_twin_options(robot, KinovaTwinOptions, options)
+def build(robot: str, options: KinovaTwinOptions, log: WireLog) -> KinovaServer:
+    """Return the server of a robot of ``robots.toml``."""
     twin = twin_of(
         robot,
-        username=chosen.username,
-        password=chosen.password,
-        second=chosen.second,
-        has_gripper=chosen.gripper is OnInterface.ROBOTIQ_2F_85,
+        username=options.username,
+        password=options.password,
+        second=options.second,
+        has_gripper=options.gripper is OnInterface.ROBOTIQ_2F_85,
     )
+    return KinovaServer(twin, options.port, log, options.host)
 
-    def build(wire_log: WireLog) -> KinovaServer:
-        return KinovaServer(twin, chosen.port, wire_log, chosen.host)
 
-    run_server(build, **start)
+main = main_of(KinovaTwinOptions, build)

@@ -27,7 +27,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import aclosing, suppress
-from typing import Annotated, Any, Unpack
+from typing import Annotated
 
 import trio
 from msgspec.structs import replace
@@ -35,19 +35,16 @@ from msgspec.structs import replace
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     Reply,
-    Start,
     TwinOptions,
+    TwinRobot,
+    TwinServer,
     WireLog,
+    main_of,
     own_host,
-    parse_fault,
-    read_twin_options,
-    run_server,
 )
-from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.kuka.io import LONGEST_NAME, MOST_IOS, Io, IoDirection, IoType
-from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, encode_monitoring
+from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, Monitoring, encode_monitoring
 from strands_actors.drivers.kuka.robots import Arm, arm_of
 from strands_actors.kernel.clock import NS, MonotonicClock
 
@@ -88,22 +85,71 @@ WRONG_RAD = 1.0
 MODES = ("safety", "client_mode", "control_mode", "overlay")
 
 
-class KukaServer:
-    """Run one simulated controller on its UDP port. Its methods are events, such as a fault or a pulled cable."""
+class KukaTwin(TwinRobot):
+    """One simulated controller. A joint has a number from 1 to 7."""
+
+    PARTS = range(1, JOINTS + 1)
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
+        self.controller = controller
+        self.body = KukaBody(controller)
+        self._readings: Mapping[str, tuple[float, ...]] = {}  # Measurements that the fault ``stuck`` repeats.
+
+    def begin_fault(self, fault: Fault) -> None:
+        self._readings = {}
+        for index in range(JOINTS):
+            self.jam(index, fault is Fault.STUCK)
+
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.plant.set_stuck(index, on)
+
+    def power_cycle(self) -> None:
+        self.controller.wake_up()
+
+    def cycle(self) -> Monitoring:
+        """Run one cycle of the controller, and return its message."""
+        message = self.controller.cycle()
+        match self.faults.of(None):
+            case Fault.WRONG:
+                return replace(message, position=tuple(rad + WRONG_RAD for rad in message.position))
+            case Fault.STUCK:
+                self._readings = self._readings or {"position": message.position, "torque": message.torque}
+                return replace(message, **self._readings)
+        return message
+
+    def order(self, words: Sequence[str]) -> bool:
+        controller = self.controller
+        match words:
+            case ["motion", "start"]:
+                controller.start_program()
+            case ["motion", "stop"]:
+                controller.motion = False
+            case ["io", name, number] if _is_number(number):
+                controller.set_io(name, float(number))
+            case ["drive", joint, number] if joint.isdecimal() and number.isdecimal() and 1 <= int(joint) <= JOINTS:
+                controller.drives[int(joint) - 1] = int(number)
+            case [name, number] if name in MODES and number.isdecimal():
+                setattr(controller, name, int(number))
+            case _:
+                return False
+        return True
+
+
+class KukaServer(TwinServer):
+    """Run one simulated controller on its UDP port."""
 
     def __init__(self, arm: Arm, log: WireLog, options: KukaTwinOptions) -> None:
-        self._log = log
-        self._faults = Faults()
-        self._frost = Frost()
         self._clock = MonotonicClock()
-        self.controller = Controller(
+        self.controller = controller = Controller(
             arm,
             sample_ms=options.sample_ms,
             multiplier=options.multiplier,
-            note=self._note,
+            note=lambda text: log.write(time.monotonic_ns(), "robot", [("session", text.encode())]),
             ios=read_ios(options.ios),
         )
-        self.body = KukaBody(self.controller)
+        self._twin = KukaTwin(controller)
+        super().__init__(self._twin, log)
         self._packed = options.packed
         self._checksum = options.checksum
         self._client = options.client
@@ -112,8 +158,7 @@ class KukaServer:
         host, port = self._find_place(options)
         self._place = host, port if options.from_port is None else options.from_port
         self._peer = self._client, port
-        self._answers = Answers(self.controller)
-        self._readings: Mapping[str, tuple[float, ...]] = {}  # Measurements that the fault ``stuck`` repeats.
+        self._answers = Answers(controller)
         self._late: deque[tuple[int, bytes]] = deque()
 
     @property
@@ -155,11 +200,9 @@ class KukaServer:
             self._sock.close()
             self._sock = None
 
-    async def serve(self) -> None:
-        """Send messages and receive answers until this task is cancelled."""
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._hear)
-            nursery.start_soon(self._tick)
+    def start(self, nursery: trio.Nursery) -> None:
+        nursery.start_soon(self._hear)
+        nursery.start_soon(self._tick)
 
     async def _hear(self) -> None:
         while True:
@@ -171,11 +214,11 @@ class KukaServer:
                 await trio.lowlevel.wait_readable(sock)
                 await self._frost.thawed()
                 data = sock.recv(LARGEST + 1) if sock.fileno() >= 0 else b""
-                if data and self._faults.of(None) is not Fault.OFF:
+                if data and not self._twin.is_off:
                     self._take(time.monotonic_ns(), data)
 
     async def _tick(self) -> None:
-        async with aclosing(self._clock.ticks(self.controller.sample_ms / 1e3)) as ticks:
+        async with aclosing(self._clock.ticks(self._twin.controller.sample_ms / 1e3)) as ticks:
             async for now_ns in ticks:
                 await self._frost.thawed()
                 await trio.lowlevel.checkpoint()  # Let the other task read the received answers first.
@@ -188,14 +231,9 @@ class KukaServer:
         self._log.write(t_ns, "host", [(kind, data)], "hold" if kind == "safe" else None)
 
     def _say(self, now_ns: int) -> None:
-        message = self.controller.cycle()
-        match self._faults.of(None):
-            case Fault.WRONG:
-                message = replace(message, position=tuple(rad + WRONG_RAD for rad in message.position))
-            case Fault.STUCK:
-                self._readings = self._readings or {"position": message.position, "torque": message.torque}
-                message = replace(message, **self._readings)
-        reply = self._faults.apply(Reply(0.0, encode_monitoring(message, self._packed, self._checksum)))
+        reply = self._twin.faults.apply(
+            Reply(0.0, encode_monitoring(self._twin.cycle(), self._packed, self._checksum))
+        )
         if reply is not None:
             self._late.append((now_ns + round((reply.delay_s + reply.late_s) * NS), reply.data))
         while self._late and self._late[0][0] <= now_ns:
@@ -203,52 +241,6 @@ class KukaServer:
             if self._sock is not None:
                 with suppress(BlockingIOError, ConnectionRefusedError):
                     self._sock.sendto(data, self._peer)
-
-    def _note(self, text: str) -> None:
-        self._log.write(time.monotonic_ns(), "robot", [("session", text.encode())])
-
-    # -- events
-
-    def set_fault(self, text: str) -> None:
-        """Inject a fault. ``text`` is ``FAULT``, or ``FAULT:JOINT`` with a joint from 1 to 7.
-
-        A joint can only get stuck. Raise ``ValueError`` for any other text.
-        """
-        fault, joint = parse_fault(text)
-        if joint is None:
-            self._faults.set(fault)
-            self._readings = {}
-            stuck = range(JOINTS)
-        elif 1 <= joint <= JOINTS and fault in (Fault.OK, Fault.STUCK):
-            stuck = range(joint - 1, joint)
-        else:
-            raise ValueError(f"a joint, 1 to {JOINTS}, can be ok or stuck, not {fault}")
-        for index in stuck:
-            self.controller.plant.set_stuck(index, fault is Fault.STUCK)
-
-    def power_cycle(self) -> None:
-        self.controller.wake_up()
-
-    def freeze(self, seconds: float) -> None:
-        """Stop reading and sending for this time. Afterwards process the data received meanwhile."""
-        self._frost.freeze(seconds)
-
-    def order(self, words: Sequence[str]) -> bool:
-        controller = self.controller
-        match words:
-            case ["motion", "start"]:
-                controller.start_program()
-            case ["motion", "stop"]:
-                controller.motion = False
-            case ["io", name, number] if _is_number(number):
-                controller.set_io(name, float(number))
-            case ["drive", joint, number] if joint.isdecimal() and number.isdecimal() and 1 <= int(joint) <= JOINTS:
-                controller.drives[int(joint) - 1] = int(number)
-            case [name, number] if name in MODES and number.isdecimal():
-                setattr(controller, name, int(number))
-            case _:
-                return False
-        return True
 
 
 def read_ios(text: str) -> tuple[Io, ...]:
@@ -291,12 +283,9 @@ def _bound(host: str, port: int) -> socket.socket:
     return sock
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    chosen = read_twin_options(robot, KukaTwinOptions, options)
-    arm = arm_of(robot)
+def build(robot: str, options: KukaTwinOptions, log: WireLog) -> KukaServer:
+    """Return the server of a robot of ``robots.toml``."""
+    return KukaServer(arm_of(robot), log, options)
 
-    def build(wire_log: WireLog) -> KukaServer:
-        return KukaServer(arm, wire_log, chosen)
 
-    run_server(build, **start)
+main = main_of(KukaTwinOptions, build)

@@ -6,22 +6,10 @@ Besides the control lines of every simulated robot it takes ``emergency-stop pre
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
-
-import trio
+from collections.abc import Sequence
 
 from strands_actors.drivers.common.physics.controlled_body import SharedBody
-from strands_actors.drivers.common.twin import (
-    Fault,
-    NetworkOptions,
-    Port,
-    Start,
-    TcpServer,
-    WireLog,
-    read_twin_options,
-    run_server,
-)
+from strands_actors.drivers.common.twin import NetworkOptions, Port, TcpServer, TwinRobot, WireLog, main_of
 from strands_actors.drivers.common.twin.grpc import GrpcHost
 from strands_actors.drivers.rby1.protocol import PORT, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
@@ -35,95 +23,56 @@ class RBY1TwinOptions(NetworkOptions, frozen=True):
     port: Port = PORT
 
 
-TICK_S = 0.004
+FIRST_JOINT = 2
+"""The number of the first joint. The numbers before it are those of the wheels."""
 
 
-class Machine:
-    """Injects faults and events into the simulated robot."""
+class RBY1Twin(TwinRobot):
+    """One simulated robot with its gRPC server. A joint has a number from 2 to 23. After a restart the motors have
+    no power."""
 
-    def __init__(self, service: RBY1Service) -> None:
-        self._service = service
+    TICK_S = 0.004
+    RESTART_CUTS = True
 
-    def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Inject a fault.
-
-        Args:
-            fault: The fault.
-            unit: 2 to 23 for one joint, which can only get stuck. None for all messages of the server.
-        """
-        plant = self._service.controller.plant
-        if unit is None:
-            self._service.faults.set(fault)
-        elif fault in (Fault.OK, Fault.STUCK) and 0 <= unit - 2 < len(plant.joints):
-            plant.set_stuck(unit - 2, fault is Fault.STUCK)
-        else:
-            raise ValueError(f"a joint (2 to {len(plant.joints) + 1}) can be ok or stuck, not {fault}")
-
-    def power_cycle(self) -> None:
-        self._service.controller.wake_up()
-
-
-class RBY1Server(TcpServer):
-    """Serve one simulated robot, and advance its time."""
-
-    def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self._service = RBY1Service(controller)
+        self.faults = self._service.faults
         self._grpc = GrpcHost(self._service)
-        self._body = SharedBody(controller, lambda: controller.driven)
-        super().__init__(Machine(self._service), {port: self._grpc.serve}, log, host)
+        self.controller = controller
+        self.serve = self._grpc.serve
+        self.body = SharedBody(controller, lambda: controller.driven)
+        self.PARTS = range(FIRST_JOINT, FIRST_JOINT + len(controller.plant.joints))
 
-    @property
-    def body(self) -> SharedBody:
-        return self._body
-
-    def set_fault(self, text: str) -> None:
-        was_off = self._service.faults.of(None) is Fault.OFF
-        super().set_fault(text)
-        is_off = self._service.faults.of(None) is Fault.OFF
-        if is_off:
-            self._service.controller.wake_up()
-            self.unplug()
-        elif was_off:
-            self.plug()
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.plant.set_stuck(index, on)
 
     def power_cycle(self) -> None:
-        """End every connection. The simulated robot then has no power on its motors."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
+        self.controller.wake_up()
+
+    def tick(self) -> None:
+        self._service.tick()
+        self._grpc.flush()
 
     def order(self, words: Sequence[str]) -> bool:
-        controller = self._service.controller
         match words:
             case ["emergency-stop", "pressed" | "released" as word]:
-                controller.press(word == "pressed")
+                self.controller.press(word == "pressed")
             case ["manager", "MINOR_FAULT" | "MAJOR_FAULT" as word]:
-                controller.fail(Manager[word])
+                self.controller.fail(Manager[word])
             case ["manager", "ok"]:
-                controller.order_manager(ManagerOrder.RESET_FAULT)
+                self.controller.order_manager(ManagerOrder.RESET_FAULT)
             case _:
                 return False
         return True
 
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._frost.every, TICK_S, self._tick)
 
-    def _tick(self) -> None:
-        self._service.tick()
-        self._grpc.flush()
+def build(robot: str, options: RBY1TwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = RBY1Twin(Controller(TABLES.table(robot)))
+    return TcpServer(twin, {options.port: twin.serve}, log, options.host)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, RBY1TwinOptions, options)
-    controller = Controller(TABLES.table(robot))
+main = main_of(RBY1TwinOptions, build)
 
-    def build(wire_log: WireLog) -> RBY1Server:
-        return RBY1Server(controller, wire_log, twin_options.host, twin_options.port)
-
-    run_server(build, **start)
-
-
-__all__ = ["MODELLED", "Machine", "RBY1Server", "RBY1TwinOptions", "main"]
+__all__ = ["MODELLED", "RBY1Twin", "RBY1TwinOptions", "build", "main"]

@@ -8,8 +8,7 @@ operate its e-stop button, ``mute METHOD ...`` suppresses the answers of these m
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from typing import Annotated
 
 import trio
 
@@ -17,11 +16,9 @@ from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
     Connection,
     NetworkOptions,
-    Start,
     TcpServer,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.spot.config import TWIN_LOGIN
 
@@ -59,40 +56,35 @@ class SpotServer(TcpServer):
     def address(self) -> str:
         return f"{super().address}?ca={certificate('ca.pem')}"
 
-    def order(self, words: Sequence[str]) -> bool:
-        return self._twin.order(words)
+    def start(self, nursery: trio.Nursery) -> None:
+        super().start(nursery)
+        nursery.start_soon(self._frost.every, _TICK_S, self._tick)
 
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._tick)
-            await super().serve()
+    def _tick(self) -> None:
+        self._twin.pass_time()
+        self._clients.flush()
 
     async def _handle(self, connection: Connection) -> None:
         tls = TlsConnection(connection, self._context)
         await tls.shake_hands()
         await self._clients.serve(tls)
 
-    async def _tick(self) -> None:
-        while True:
-            self._twin.pass_time()
-            self._clients.flush()
-            await trio.sleep(_TICK_S)
 
-
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    settings = read_twin_options(robot, SpotTwinOptions, options)
+def build(robot: str, options: SpotTwinOptions, log: WireLog) -> SpotServer:
+    """Return the server of a robot of ``robots.toml``."""
     twin = SpotTwin(
         robot,
         time.monotonic,
-        skew_s=settings.skew_s,
-        sync_s=settings.sync_s,
-        arm=settings.arm,
-        user=settings.user,
-        password=settings.password,
-        haste=settings.haste,
+        skew_s=options.skew_s,
+        sync_s=options.sync_s,
+        arm=options.arm,
+        user=options.user,
+        password=options.password,
+        haste=options.haste,
     )
-    run_server(lambda log: SpotServer(twin, settings.port, log, settings.host), **start)
+    return SpotServer(twin, options.port, log, options.host)
 
 
-__all__ = ["MODELLED", "Mechanism", "SpotServer", "SpotTwin", "main"]
+main = main_of(SpotTwinOptions, build)
+
+__all__ = ["MODELLED", "Mechanism", "SpotServer", "SpotTwin", "build", "main"]

@@ -8,29 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.stepped import DrawnBody
 from strands_actors.drivers.spot.robots import KEYS
 
 from .mechanism import Mechanism
 
 
-class SpotBody:
+class SpotBody(DrawnBody):
     axes = KEYS
 
     def __init__(self, mechanism: Mechanism, table: Mapping[str, Any]) -> None:
+        super().__init__(table, mechanism)
         self._mechanism = mechanism
-        self._table = table
-        self.pass_time = mechanism.pass_time
-
-    @cached_property
-    def spec(self) -> Any:
-        # Import MuJoCo only here. It only draws the robot.
-        from strands_actors.drivers.common.physics.model_rows import build
-
-        return build(self._table)
 
     @property
     def commanders(self) -> Sequence[Commander]:
@@ -40,7 +32,7 @@ class SpotBody:
         mechanism = self._mechanism
         position = (*mechanism.present_twist, *mechanism.joints)
         velocity = (0.0, 0.0, 0.0, *mechanism.speeds)
-        return Felt(mechanism.time_s, position, velocity, (0.0,) * len(self.axes), self.commanders)
+        return self._felt(position, velocity)
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
@@ -68,9 +60,6 @@ class SpotBody:
     def hold(self) -> None:
         if self._mechanism.commander is Commander.SIM:
             self._mechanism.halt()
-
-    def step(self, steps: int) -> None:
-        self._mechanism.run(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._mechanism.reset()

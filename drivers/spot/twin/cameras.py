@@ -3,23 +3,30 @@
 Sizes and focal lengths of the body's cameras are those that owners of a Spot have published from
 ``list_image_sources``. Where each camera sits, and the lenses of the hand's cameras, is [assumed]. As on the robot,
 the front cameras are mounted on their side, and the right one upside down (example get_image).
+
+OpenCV encodes JPEG. Without the extra ``cameras`` the sources offer raw pictures only.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from strands_actors.contract.extras import missing
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message
 
-from . import jpeg, pictures
+from . import pictures
 from .frames import frames_of
 from .geometry import Pose, pose_at
 from .mechanism import Mechanism
 from .pictures import Lens
 from .reports import Reports
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 JPEG, RAW = 1, 2
 """Formats of a picture. A third one, RLE, is not modelled."""
@@ -151,7 +158,7 @@ class ImageService:
         pixels = _pixels(source, request)
         if pixels is None:
             return {"status": NO_PIXEL_FORMAT}
-        encoding = request.get("image_format", 0) or (RAW if pixels == DEPTH else JPEG)
+        encoding = request.get("image_format", 0) or _encodings(pixels)[0]
         if encoding not in _encodings(pixels):
             return {"status": NO_FORMAT}
         ratio = request.get("resize_ratio", 0.0) or 1.0
@@ -182,7 +189,7 @@ class ImageService:
         if pixels == DEPTH:
             return pictures.depth(lens, camera).tobytes()
         picture = pictures.grey(lens, camera) if pixels == GREY else pictures.colour(lens, camera)
-        return picture.tobytes() if encoding == RAW else jpeg.encode(picture, quality_percent)
+        return picture.tobytes() if encoding == RAW else jpeg(picture, quality_percent)
 
     def _pose_of(self, frame: str) -> Pose:
         """Return the pose of a camera, relative to the place on the floor where the robot started."""
@@ -209,7 +216,21 @@ def _pixel_formats(pixels: int) -> tuple[int, ...]:
 
 
 def _encodings(pixels: int) -> tuple[int, ...]:
-    return (RAW,) if pixels == DEPTH else (JPEG, RAW)
+    return (RAW,) if pixels == DEPTH or missing("cameras", "JPEG") else (JPEG, RAW)
+
+
+def jpeg(picture: NDArray[np.uint8], quality_percent: float) -> bytes:
+    """Return a picture as a JPEG file.
+
+    Args:
+        picture: Rows and columns of grey values, or of red, green and blue.
+        quality_percent: 0 is the worst, 100 the best.
+    """
+    import cv2
+
+    pixels = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, round(quality_percent)])
+    return bytes(data)
 
 
 def _described(name: str, lens: Lens, pixels: int) -> Message:

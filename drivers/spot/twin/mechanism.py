@@ -8,18 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from strands_actors.drivers.common.physics.body import Commander
+from strands_actors.drivers.common.physics.stepped import LONGEST_S, Stepped, towards
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import ARM, CLAW
 
 from .geometry import Pose, pose_at, turned
 from .hand import HandMotion
-from .paths import Path, held, towards
+from .paths import Path, held
 from .posture import Posture
 from .stance import Point, Stance, middle_of, under
 from .walking import REST, Place, Trajectory, Twist
 
-_STEP_S, _LEAST_STEP_S = 0.005, 1e-9
-_LONGEST_S = 0.25
 """Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 _SIMULATION_STAND_S = 0.3
 """How long it takes to stand up if a simulation moves the robot, and not a client."""
@@ -33,12 +32,12 @@ HAND_RAD_S = 5.0
 NO_SLEW: Twist = (math.inf, math.inf, math.inf)
 
 
-class Mechanism:
+class Mechanism(Stepped):
+    STEP_S = 0.005
+
     def __init__(self, table: Mapping[str, Any], now_s: Callable[[], float]) -> None:
         self._table = table
-        self._now_s = now_s
-        self._updated_s = now_s()
-        self.time_s = 0.0
+        super().__init__(now_s)
         self.walked_m = self.walked_s = self.powered_s = 0.0
         """How far and for how long it has walked, and for how long its motors had power."""
         self.reset()
@@ -282,25 +281,11 @@ class Mechanism:
         return self.posture.legs_rad(self.up)
 
     def pass_time(self) -> None:
-        """Advance the simulation to the present time."""
-        now_s = self._now_s()
-        passed_s, self._updated_s = now_s - self._updated_s, now_s
-        late_s = passed_s - _LONGEST_S
-        if late_s > 0:
-            # Count the time of a long pause, so that a twist ends on time. The motion of the pause is left out.
-            self.time_s += late_s
-        self.run(min(passed_s, _LONGEST_S))
-
-    def run(self, seconds: float) -> None:
-        """Advance the simulation by ``seconds``."""
-        # The rounding error of a sum of steps is no step: a speed over it would be noise.
-        while seconds > _LEAST_STEP_S:
-            step_s = min(seconds, _STEP_S)
-            seconds -= step_s
-            self._step(step_s)
+        # Count the time of a long pause, so that a twist ends on time. The motion of the pause is left out.
+        self.time_s += max(0.0, self.now_s() - self._updated_s - LONGEST_S)
+        super().pass_time()
 
     def _step(self, step_s: float) -> None:
-        self.time_s += step_s
         if self.motors is Motors.POWERING_ON:
             self._on_in_s -= step_s
             if self._on_in_s <= 0:

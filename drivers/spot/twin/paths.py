@@ -44,8 +44,3 @@ class Path:
 def held(values: Sequence[float]) -> Path:
     """Return the path that stays at these values."""
     return Path(0.0, tuple(values), [(0.0, tuple(values))])
-
-
-def towards(now: float, goal: float, most: float) -> float:
-    """Return the value that is nearest to ``goal`` and at most ``most`` away from ``now``."""
-    return now + max(-most, min(most, goal - now))

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from strands_actors.drivers.common.physics.stepped import towards
+
 from .geometry import Pose, pose_at
 from .limbs import HIPS, foot_at, leg_to
-from .paths import Path, held, towards
+from .paths import Path, held
 
 LEVEL = (0.0,) * 6
 """The default posture: x, y, z in metres, roll, pitch, yaw in radians."""

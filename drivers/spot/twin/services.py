@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.body import Commander
-from strands_actors.drivers.common.twin import Fault, Faults
+from strands_actors.drivers.common.twin import Fault, TwinRobot
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.config import TWIN_LOGIN
@@ -40,7 +40,7 @@ _UNNAMED = "unnamed"
 Logged = tuple[str, str | None]
 
 
-class SpotTwin:
+class SpotTwin(TwinRobot):
     """One simulated robot, which all clients share.
 
     Args:
@@ -68,6 +68,7 @@ class SpotTwin:
         haste: float = 1.0,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
+        super().__init__()
         table = TABLES.table(robot)
         table = {**table, **{key: float(table[key]) / haste for key in DURATIONS}}
         self.mechanism = Mechanism(table, now_s)
@@ -80,7 +81,6 @@ class SpotTwin:
         self.images = ImageService(self.mechanism, arm, self.reports, self.robot_ns)
         self.comments: list[Message] = []
         """The latest comments of operators, as the robot's log keeps them."""
-        self.faults = Faults()
         self.muted: set[str] = set()
         """Methods that are carried out and never answered."""
         self._now_s = now_s
@@ -93,15 +93,10 @@ class SpotTwin:
 
     # -- faults
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because this robot has no units that can fail
-        separately."""
+    def begin_fault(self, fault: Fault) -> None:
         self.mechanism.pass_time()
         self._stuck = self.state() if fault is Fault.STUCK else None
         self.mechanism.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.power_cycle()
 
     def power_cycle(self) -> None:
         """Restart as after a boot: no client has the lease, and there is no endpoint."""
@@ -109,7 +104,6 @@ class SpotTwin:
         self.estop, self.leases = Estop(self._now_s), Leases()
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line of this simulated robot."""
         match words:
             case ["steal", owner]:
                 self.leases.acquire(owner, take=True)

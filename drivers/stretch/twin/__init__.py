@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Unpack
+from typing import Annotated
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.dynamixel.twin import INSTRUCTIONS
-from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin import TwinOptions, WireLog, main_of
 from strands_actors.drivers.stretch.robots import TABLES
 
 from .calls import PIMU_CALLS, STEPPER_CALLS, STEPPER_MODES, WACC_CALLS
@@ -21,16 +20,11 @@ class StretchTwinOptions(TwinOptions, frozen=True):
     folder: Annotated[str | None, option("where the folder of ports appears; None: a temporary one")] = None
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). For its control lines
-    see ``StretchServer.order``."""
-    settings = read_twin_options(robot, StretchTwinOptions, options)
-    world = World(TABLES.canonical(robot))
-
-    def build(wire_log: WireLog) -> StretchServer:
-        return StretchServer(world, wire_log, settings.folder)
-
-    run_server(build, **start)
+def build(robot: str, options: StretchTwinOptions, log: WireLog) -> StretchServer:
+    """Return the server of a robot of ``robots.toml``. For its control lines see ``StretchServer.order``."""
+    return StretchServer(World(TABLES.canonical(robot)), log, options.folder)
 
 
-__all__ = ["MODELLED", "StretchServer", "World", "main"]
+main = main_of(StretchTwinOptions, build)
+
+__all__ = ["MODELLED", "StretchServer", "World", "build", "main"]

@@ -20,8 +20,8 @@ from typing import Any
 
 import trio
 
-from strands_actors.drivers.common.twin import PtyLine, WireLog, parse_fault
-from strands_actors.drivers.common.twin.server import Conversation, Exchange, Frost
+from strands_actors.drivers.common.twin import PtyLine, TwinServer, WireLog
+from strands_actors.drivers.common.twin.server import Conversation, Exchange
 from strands_actors.drivers.stretch.config import PIMU
 from strands_actors.drivers.stretch.driver import TWIN_PORT
 from strands_actors.drivers.stretch.parameters import FILES
@@ -47,18 +47,17 @@ TICK_S = 0.05
 """How often the simulation advances without requests."""
 
 
-class StretchServer:
+class StretchServer(TwinServer):
     """Serve the simulated robot. ``address`` is the folder of the ports. The folder disappears when the cables
     are pulled. The folder ``fleet`` beside it contains the robot's own YAML for clients that read it."""
 
     def __init__(self, world: World, log: WireLog, folder: str | None = None) -> None:
+        super().__init__(world, log)
         self._world = world
         self._own = tempfile.mkdtemp(prefix="strands-twin-") if folder is None else None
         self._root = Path(folder or self._own or "")
         self._folder = self._root / TWIN_PORT
-        self._log = log
-        self._frost = Frost()
-        self.body = StretchBody(world)
+        self._body = StretchBody(world)
         decoders = decoders_of(world)
         self._decoders: dict[str, DeviceDecoder] = {name: decoder for name, (decoder, _) in decoders.items()}
         self._lines = {name: PtyLine(str(self._folder / name)) for name in decoders}
@@ -71,6 +70,10 @@ class StretchServer:
     @property
     def address(self) -> str:
         return str(self._folder)
+
+    @property
+    def body(self) -> StretchBody:
+        return self._body
 
     def _write_fleet(self) -> None:
         """Write the robot's YAML as JSON, which is valid YAML."""
@@ -105,13 +108,7 @@ class StretchServer:
             "head": {"usb_name": of(parameters.head.usb)},
         }
 
-    # -- faults
-
-    def set_fault(self, text: str) -> None:
-        self._world.set_fault(*parse_fault(text))
-
-    def power_cycle(self) -> None:
-        self._world.power_cycle()
+    # -- events
 
     def plug(self) -> None:
         self._folder.mkdir(exist_ok=True)
@@ -123,9 +120,6 @@ class StretchServer:
             line.unplug()
         with contextlib.suppress(FileNotFoundError):
             self._folder.rmdir()
-
-    def freeze(self, seconds: float) -> None:
-        self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
         """Carry out a control line. Return False if it is unknown. JOINT is the name of a joint.
@@ -155,20 +149,13 @@ class StretchServer:
 
     # -- serving
 
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._pass_time)
-            for conversation in self._conversations.values():
-                nursery.start_soon(conversation.serve_replies)
-            for line in self._lines.values():
-                nursery.start_soon(self._listen, line)
-
-    async def _pass_time(self) -> None:
-        """Let the robot move on while no client asks it anything."""
-        while True:
-            await self._frost.thawed()
-            self.body.pass_time()
-            await trio.sleep(TICK_S)
+    def start(self, nursery: trio.Nursery) -> None:
+        # The robot moves on while no client asks it anything.
+        nursery.start_soon(self._frost.every, TICK_S, self.body.pass_time)
+        for conversation in self._conversations.values():
+            nursery.start_soon(conversation.serve_replies)
+        for line in self._lines.values():
+            nursery.start_soon(self._listen, line)
 
     async def _listen(self, line: PtyLine) -> None:
         while True:

@@ -16,6 +16,7 @@ from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.physics.model_rows import build
 from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.physics.stepped import Stepped
 from strands_actors.drivers.common.twin import Fault, Faults
 from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD
 from strands_actors.drivers.stretch import protocol as p
@@ -28,10 +29,6 @@ from strands_actors.drivers.stretch.safing import number_of
 
 from .calls import BEEP, BOARD_RESET, BUZZER_OFF, BUZZER_ON, FAN_OFF, FAN_ON
 from .stepper import ANYWHERE, StepperMotor
-
-STEP_S = 0.002
-LONGEST_S = 0.25
-"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
 GRIPPER = "stretch_gripper"
 PIMU_NUMBER = number_of(PIMU)
@@ -99,13 +96,15 @@ def body_table() -> Mapping[str, Any]:
     return tomllib.loads(resources.files(__package__).joinpath("body.toml").read_text("utf-8"))
 
 
-class World:
+class World(Stepped):
     """The simulated robot. At the start lift, arm, wrist and head are in their home pose."""
+
+    STEP_S = 0.002
 
     def __init__(self, robot: str, now_s: Callable[[], float] = time.monotonic) -> None:
         table, self.parameters = robot_of(robot), parameters_of(robot)
         self.config = StretchConfig(robot, self.parameters)
-        self.now_s = now_s
+        super().__init__(now_s)
         self.faults = Faults()
         self._home = dict(zip(self.config.joints, table.home, strict=False))
         self.steppers = {
@@ -137,9 +136,7 @@ class World:
         self.stops_at_runstop = True
         self.syncs = 0
         self.pose = START
-        self.time_s = 0.0
         self._pimu_began_s = 0.0
-        self._updated_s = now_s()
 
     # -- faults
 
@@ -250,25 +247,15 @@ class World:
 
     # -- time
 
-    def pass_time(self) -> None:
-        """Advance the simulation to the present time."""
-        now_s = self.now_s()
-        passed_s, self._updated_s = now_s - self._updated_s, now_s
-        self.run(min(passed_s, LONGEST_S))
-
-    def run(self, seconds: float) -> None:
-        while seconds > 1e-9:
-            step_s = min(seconds, STEP_S)
-            seconds -= step_s
-            self.time_s += step_s
-            before = {name: self.steppers[name].position for name in (LEFT, RIGHT)}
-            for motor in self.steppers.values():
-                motor.step(step_s)
-            left, right = (
-                (self.steppers[name].position - before[name]) / self.config.motors[name].rad_per_m
-                for name in (LEFT, RIGHT)
-            )
-            self.pose = moved(self.pose, left, right, self.parameters.separation_m)
+    def _step(self, step_s: float) -> None:
+        before = {name: self.steppers[name].position for name in (LEFT, RIGHT)}
+        for motor in self.steppers.values():
+            motor.step(step_s)
+        left, right = (
+            (self.steppers[name].position - before[name]) / self.config.motors[name].rad_per_m
+            for name in (LEFT, RIGHT)
+        )
+        self.pose = moved(self.pose, left, right, self.parameters.separation_m)
 
     # -- reports of the power board
 

@@ -27,14 +27,14 @@ import json
 import math
 import struct
 import time
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Unpack
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 from strands_actors.contract.options import option
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, Participant, Writer
-from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin import WireLog, main_of
 from strands_actors.drivers.common.twin.dds import DdsOptions, DdsServer
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
@@ -278,15 +278,11 @@ class UnitreeServer(DdsServer):
         return True
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, UnitreeTwinOptions, options)
-    model = model_of(robot)
-
-    def build(wire_log: WireLog) -> UnitreeServer:
-        return UnitreeServer(model, wire_log, twin_options)
-
-    run_server(build, **start)
+def build(robot: str, options: UnitreeTwinOptions, log: WireLog) -> UnitreeServer:
+    """Return the server of a robot of ``robots.toml``."""
+    return UnitreeServer(model_of(robot), log, options)
 
 
-__all__ = ["MODELLED", "Onboard", "UnitreeServer", "UnitreeTwinOptions", "main", "safe_state_of"]
+main = main_of(UnitreeTwinOptions, build)
+
+__all__ = ["MODELLED", "Onboard", "UnitreeServer", "UnitreeTwinOptions", "build", "main", "safe_state_of"]

@@ -140,12 +140,14 @@ class Onboard:
 
     @property
     def takes_commands(self) -> bool:
-        """True if the robot obeys a LowCmd in its present state."""
-        if self._simulator:
+        """True if the robot obeys a LowCmd in its present state.
+
+        Without an onboard mode every robot does: the vendor calls it debug mode on a G1. Its example of the low
+        level (g1_low_level_example) releases the mode first, in any state.
+        """
+        if self._simulator or not self.mode:
             return True
-        if self.model.handshake == "fsm":
-            return self.fsm_id in HANDSHAKE_FSM
-        return not self.mode
+        return self.model.handshake == "fsm" and self.fsm_id in HANDSHAKE_FSM
 
     def command(self, command: Command, now_s: float) -> None:
         """Carry out a LowCmd, until the next command or event.

@@ -8,23 +8,18 @@ MODE``, ``mode MODE`` and ``remote yes|no``. The names of the modes are in ``pro
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Any, Unpack
-
-import trio
+from typing import Annotated, Any
 
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
-    Fault,
-    Faults,
     HostOption,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, Gripper, arm_of
@@ -55,33 +50,13 @@ class URTwinOptions(HostOption, frozen=True):
     ] = None
 
 
-class Machine:
-    """Set faults of the simulated robot, and restart it."""
+class URTwin(TwinRobot):
+    """One simulated controller with its ports. A joint has a number from 1 to 6. After a restart the arm's power is
+    off."""
 
-    def __init__(self, controller: Controller, faults: Faults) -> None:
-        self.controller = controller
-        self.faults = faults
-
-    def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Inject a fault.
-
-        Args:
-            fault: The fault.
-            unit: 1 to 6 for a joint, which can only get stuck. None for a fault of the samples.
-        """
-        if unit is None:
-            self.faults.set(fault)
-        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= len(JOINTS):
-            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
-        else:
-            raise ValueError(f"a joint, 1 to {len(JOINTS)}, can be ok or stuck, not {fault}")
-
-    def power_cycle(self) -> None:
-        self.controller.reset()
-
-
-class URServer(TcpServer):
-    """Serve the ports of one simulated controller, and call its tick 500 times a second."""
+    PARTS = range(1, len(JOINTS) + 1)
+    TICK_S = 1.0 / TICK_HZ
+    RESTART_CUTS = True
 
     def __init__(self, robot: str, log: WireLog, chosen: URTwinOptions) -> None:
         def on_event(kind: str, text: str) -> None:
@@ -89,48 +64,35 @@ class URServer(TcpServer):
             if text and self._is_ready:
                 self._state.tell(state_packets.error_message(self.controller.uptime_s, text))
 
+        super().__init__()
         self._is_ready = False  # True once the ports exist. The controller may report events before.
-
         gripper = chosen.gripper or ""
         self.controller = Controller(
             arm_of(robot), gripper=gripper, program_start_s=chosen.program_start_s, on_event=on_event
         )
         self._gripper: Any = load(f"{MOUNTED}:MountedGripper")(gripper, self.controller.plant) if gripper else None
-        faults = Faults()
-        self._rtde = RtdeServer(self.controller, faults)
-        self._machine = Machine(self.controller, faults)
-        self._body = URBody(self.controller)
+        self.body = URBody(self.controller)
+        self._rtde = RtdeServer(self.controller, self.faults)
         load_s = chosen.program_load_s
         greeting = state_packets.version_message()
         self._state = ScriptPort(self.controller, STATE_HZ, state_packets.state_message, greeting, load_s)
         self._realtime = ScriptPort(self.controller, TICK_HZ, state_packets.realtime_message, load_s=load_s)
         self._is_ready = True
         self._ticks = 0
-        handlers = {
+        self.handlers = {
             p.RTDE_PORT: self._rtde.handle,
             p.DASHBOARD_PORT: Dashboard(self.controller, robot).handle,
             p.PRIMARY_PORT: self._state.handle,
             p.SECONDARY_PORT: self._state.handle,
             p.REALTIME_PORT: self._realtime.handle,
+            **(self._gripper.handlers if self._gripper is not None else {}),
         }
-        if self._gripper is not None:
-            handlers |= self._gripper.handlers
-        super().__init__(self._machine, handlers, log, chosen.host)
 
-    @property
-    def body(self) -> URBody:
-        return self._body
-
-    def set_fault(self, text: str) -> None:
-        super().set_fault(text)
-        if self._machine.faults.of(None) is Fault.OFF:
-            self.unplug()
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.plant.set_stuck(index, on)
 
     def power_cycle(self) -> None:
-        """Restart the controller. This closes every connection, and the arm's power is off afterwards."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
+        self.controller.reset()
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -144,12 +106,7 @@ class URServer(TcpServer):
                 return False
         return True
 
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
-
-    def _tick(self) -> None:
+    def tick(self) -> None:
         if self._gripper is not None:
             self._gripper.pass_time()
         self.controller.tick()
@@ -164,15 +121,12 @@ class URServer(TcpServer):
         self._realtime.push(self._ticks, sample)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Run the simulated controller of an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    chosen = read_twin_options(robot, URTwinOptions, options)
-    arm_of(robot)
-
-    def build(wire_log: WireLog) -> URServer:
-        return URServer(robot, wire_log, chosen)
-
-    run_server(build, **start)
+def build(robot: str, options: URTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = URTwin(robot, log, options)
+    return TcpServer(twin, twin.handlers, log, options.host)
 
 
-__all__ = ["MODELLED", "Machine", "URServer", "URTwinOptions", "main"]
+main = main_of(URTwinOptions, build)
+
+__all__ = ["MODELLED", "URTwin", "URTwinOptions", "build", "main"]

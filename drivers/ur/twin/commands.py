@@ -52,6 +52,7 @@ class Command(enum.IntEnum):
     SPEED_J = 9
     SPEED_L = 10
     SERVO_J = 11
+    SERVO_C = 12
     SPEED_STOP = 15
     SERVO_STOP = 16
     SET_PAYLOAD = 17
@@ -97,7 +98,6 @@ class Command(enum.IntEnum):
 
 
 REFUSED = {
-    12: "servoc",
     27: "get_actual_joint_positions_history",
     28: "get_target_waypoint",
     56: "ft_rtde_input_enable",

@@ -112,6 +112,12 @@ class ControlScript:
         goal = self._frame()
         self._begin(lambda: self._controller.move_tool(goal, self._double(6), self._double(7)).arrived)
 
+    def _servo_c(self) -> None:
+        # It has no flag for a move aside.
+        motion = self._controller.move_tool(self._frame(), self._double(6), self._double(7))
+        plant = self._controller.plant
+        self._over, self._aside = (lambda: motion.arrived(plant)), None
+
     def _move_l_fk(self) -> None:
         joints = self._six()
         self._controller.check_joints(joints)
@@ -129,6 +135,10 @@ class ControlScript:
             return
         self._over, self._aside = None, (lambda: arrived(plant))
         self._tell_progress(0)
+
+    def _speed_j(self) -> None:
+        controller = self._controller
+        controller.move(Speed(self._six(), self._double(6), controller.motion))
 
     def _speed_l(self) -> None:
         controller = self._controller
@@ -282,7 +292,7 @@ _ACTS: dict[int, Callable[[ControlScript], None]] = {
     c.Command.MOVE_L: ControlScript._move_l,
     c.Command.MOVE_L_FK: ControlScript._move_l_fk,
     c.Command.MOVE_PATH: ControlScript._move_path,
-    c.Command.SPEED_J: lambda script: script._controller.move(Speed(script._six())),
+    c.Command.SPEED_J: ControlScript._speed_j,
     c.Command.SPEED_L: ControlScript._speed_l,
     c.Command.FORCE_MODE: ControlScript._force_mode,
     c.Command.END_FORCE_MODE: ControlScript._end_force_mode,
@@ -293,6 +303,7 @@ _ACTS: dict[int, Callable[[ControlScript], None]] = {
     c.Command.READ_CONTACT_DETECTION: ControlScript._no_contact,
     c.Command.MOVE_UNTIL_CONTACT: ControlScript._move_until_contact,
     c.Command.SERVO_J: ControlScript._servo_j,
+    c.Command.SERVO_C: ControlScript._servo_c,
     c.Command.SERVO_L: ControlScript._servo_l,
     c.Command.JOG_START: ControlScript._jog,
     c.Command.TEACH_MODE: ControlScript._free,

@@ -56,6 +56,9 @@ class Functions:
     def movep(self, pose: Any, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Waits:
         return self.movel(pose, a, v)
 
+    def servoc(self, pose: Any, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Waits:
+        return self.movel(pose, a, v)
+
     def servoj(
         self, q: Any, a: float = 0, v: float = 0, t: float = 0.002, lookahead_time: float = 0.1, gain: float = 300
     ) -> Waits:
@@ -65,7 +68,7 @@ class Functions:
         return self.sleep(t)
 
     def speedj(self, qd: Any, a: float = 1.4, t: float = 0.0) -> Waits:
-        self._robot.move(Speed(_six(qd)))
+        self._robot.move(Speed(_six(qd), _number(a), self._robot.motion))
         return self.sleep(t)
 
     def speedl(self, xd: Any, a: float = 1.2, t: float = 0.0, aRot: float = 0.0) -> Waits:

@@ -99,13 +99,39 @@ class Servo(Motion):
 
 
 class Speed(Motion):
-    """Turn the joints at constant speeds, until another motion begins. A silent client does not stop them."""
+    """Turn the joints at constant speeds, until another motion begins. A silent client does not stop them.
 
-    def __init__(self, rates_rad_s: Sequence[float]) -> None:
+    The joint whose speed changes most does so at the given acceleration, and the others in the same time.
+    """
+
+    def __init__(
+        self, rates_rad_s: Sequence[float], acceleration_rad_s2: float, before: Motion | None = None
+    ) -> None:
+        """Turn the joints.
+
+        Args:
+            rates_rad_s: Speeds of the joints.
+            acceleration_rad_s2: Greatest change of a joint's speed.
+            before: The motion until now. If it is a ``Speed``, too, this one continues it: a client may stream
+                speeds, and the joints must not lose the way by which they follow late.
+        """
         super().__init__()
-        self._rates = list(rates_rad_s)
+        self._goal_rates = list(rates_rad_s)
+        self._acceleration = max(acceleration_rad_s2, 1e-3)
+        self._rates = [0.0] * len(self._goal_rates)
+        self._before: Sequence[float] = ()
+        if isinstance(before, Speed):
+            self._rates, self._before = list(before._rates), before._target
+
+    def begin(self, plant: Plant) -> None:
+        super().begin(plant)
+        self._target = list(self._before or self._target)
 
     def advance(self, plant: Plant, seconds: float) -> None:
+        changes = [goal - rate for goal, rate in zip(self._goal_rates, self._rates, strict=True)]
+        most = max(map(abs, changes))
+        share = min(1.0, self._acceleration * seconds / most) if most else 1.0
+        self._rates = [rate + share * change for rate, change in zip(self._rates, changes, strict=True)]
         self._target = [rad + rate * seconds for rad, rate in zip(self._target, self._rates, strict=True)]
         super().advance(plant, seconds)
 

@@ -66,7 +66,7 @@ _COMPUTES = "computes a value"
 FUNCTIONS: Modelled[str] = Modelled(
     "URScript functions",
     {
-        **dict.fromkeys(("movej", "movel", "movep", "servoj", "speedj", "speedl"), _MOTIONS),
+        **dict.fromkeys(("movej", "movel", "movep", "servoc", "servoj", "speedj", "speedl"), _MOTIONS),
         **dict.fromkeys(("stopj", "stopl"), "stops the arm"),
         **dict.fromkeys(("freedrive_mode", "teach_mode"), "frees the arm along all axes"),
         **dict.fromkeys(("end_freedrive_mode", "end_teach_mode"), "holds the arm"),
@@ -139,9 +139,8 @@ COMMANDS: Modelled[int] = Modelled(
         **dict.fromkeys(
             (Command.MOVE_J, Command.MOVE_J_IK, Command.MOVE_L, Command.MOVE_L_FK, Command.MOVE_PATH), _MOTIONS
         ),
-        **dict.fromkeys(
-            (Command.SPEED_J, Command.SPEED_L, Command.SERVO_J, Command.SERVO_L, Command.JOG_START), _MOTIONS
-        ),
+        **dict.fromkeys((Command.SPEED_J, Command.SPEED_L, Command.JOG_START), _MOTIONS),
+        **dict.fromkeys((Command.SERVO_J, Command.SERVO_C, Command.SERVO_L), _MOTIONS),
         **dict.fromkeys((Command.TEACH_MODE, Command.FREEDRIVE), "frees the arm along all axes"),
         **dict.fromkeys((Command.END_TEACH_MODE, Command.END_FREEDRIVE), "holds the arm"),
         **dict.fromkeys(

@@ -10,10 +10,8 @@ import errno
 import functools
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Unpack
-
-import trio
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
@@ -27,22 +25,22 @@ from strands_actors.drivers.common.twin import (
     Handler,
     HostOption,
     Reply,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
     answering,
+    main_of,
     own_host,
-    read_twin_options,
-    run_server,
 )
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of
 
 from .controller import TICK_HZ, Controller
+from .modbus import FUNCTIONS, Modbus
 from .publisher import HZ, Publisher
 from .registers import REGISTERS
 
-MODELLED = (REGISTERS,)
+MODELLED = (REGISTERS, FUNCTIONS)
 
 
 class XArmTwinOptions(HostOption, frozen=True):
@@ -61,39 +59,15 @@ class XArmTwinOptions(HostOption, frozen=True):
     )
 
 
-class Machine:
-    """Set faults and power cycles of the simulated robot."""
-
-    def __init__(self, controller: Controller, faults: Faults) -> None:
-        self.controller = controller
-        self.faults = faults
-
-    def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault.
-
-        Args:
-            fault: The fault.
-            unit: 1 to 7 for one joint, which can only be stuck or ok. None for everything that the controller
-                sends.
-        """
-        if unit is None:
-            self.faults.set(fault)
-        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
-            self.controller.jam(unit - 1, fault is Fault.STUCK)
-        else:
-            raise ValueError(f"a joint (1 to {p.JOINTS}) can be ok or stuck, not {fault}")
-
-    def power_cycle(self) -> None:
-        self.controller.wake_up()
-
-
 class ControlSession:
     """The controller's end of one client's connection to the control port."""
 
-    def __init__(self, controller: Controller, faults: Faults) -> None:
+    def __init__(self, controller: Controller, faults: Faults, modbus: Modbus | None = None) -> None:
+        """Answer one client. Without ``modbus`` it has registers of its own for standard Modbus."""
         self._controller = controller
         self._faults = faults
-        self._decoder = p.Decoder()
+        self._modbus = modbus or Modbus(controller)
+        self._decoder = p.Decoder((*p.PROTOCOLS, p.STANDARD_MODBUS))
         # For each register, the data of the last reply, which a stuck controller repeats.
         self._last_data: dict[int, bytes] = {}
 
@@ -103,6 +77,10 @@ class ControlSession:
                 raw = p.frame(frame.number, frame.body, frame.protocol)
                 if frame.protocol == p.HEARTBEAT_PROTOCOL:
                     yield Exchange("keepalive", raw, ())
+                elif frame.protocol == p.STANDARD_MODBUS:
+                    answer = p.frame(frame.number, self._modbus.answer(frame.body), frame.protocol)
+                    reply = self._faults.apply(Reply(0.0, answer, None, "other"))
+                    yield Exchange("other", raw, () if reply is None else (reply,))
                 else:
                     message_type, brings_to = p.classify(frame.body)
                     yield Exchange(message_type, raw, self._replies(frame, message_type), brings_to)
@@ -126,39 +104,35 @@ class ControlSession:
         return () if reply is None else (reply,)
 
 
-class XArmServer(TcpServer):
-    """Serve the ports of one simulated controller, and advance it with real time."""
+class XArmTwin(TwinRobot):
+    """One simulated controller with its ports. A joint has a number from 1 to 7. After a restart the motors are
+    off."""
 
-    def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
+    PARTS = range(1, p.JOINTS + 1)
+    TICK_S = 1.0 / TICK_HZ
+    RESTART_CUTS = True
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self.controller = controller
-        faults = Faults()
-        self._machine = Machine(controller, faults)
-        self._publisher = Publisher(controller, faults)
-        self._body = SharedBody(controller, lambda: controller.runs)
-        handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
-        for number in HZ:
-            handlers[number] = functools.partial(self._publisher.serve, number)
-        super().__init__(self._machine, handlers, log, host)
+        self.body = SharedBody(controller, lambda: controller.runs)
+        self._publisher = Publisher(controller, self.faults)
 
-    @property
-    def body(self) -> SharedBody:
-        return self._body
+    def handlers(self, port: int) -> dict[int, Handler]:
+        """Return the handlers of the control port ``port`` and of the ports for reports."""
+        modbus = Modbus(self.controller)
+        control = answering(functools.partial(ControlSession, self.controller, self.faults, modbus))
+        return {port: control, **{number: functools.partial(self._publisher.serve, number) for number in HZ}}
 
-    def set_fault(self, text: str) -> None:
-        was_off = self._machine.faults.of(None) is Fault.OFF
-        super().set_fault(text)
-        is_off = self._machine.faults.of(None) is Fault.OFF
-        if is_off:
-            self.power_cycle()
-            self.unplug()
-        elif was_off:
-            self.plug()
+    def jam(self, index: int, on: bool) -> None:
+        self.controller.jam(index, on)
 
     def power_cycle(self) -> None:
-        """Close every connection and restart the controller, with the motors off."""
-        super().power_cycle()
-        self.unplug()
-        self.plug()
+        self.controller.wake_up()
+
+    def tick(self) -> None:
+        self.controller.tick()
+        self._publisher.push(time.monotonic())
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -171,15 +145,6 @@ class XArmServer(TcpServer):
             case _:
                 return False
         return True
-
-    async def serve(self) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(super().serve)
-            nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
-
-    def _tick(self) -> None:
-        self.controller.tick()
-        self._publisher.push(time.monotonic())
 
 
 def may_bind(port: int) -> bool:
@@ -213,19 +178,19 @@ def controller_of(
     return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, XArmTwinOptions, options)
-    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if twin_options.port is None else twin_options.port
-    controller = controller_of(
-        robot,
-        arm_type=twin_options.arm_type,
-        serial=twin_options.serial,
-        firmware=twin_options.firmware,
-        speed_limit_rad_s=twin_options.speed_limit_rad_s,
+def build(robot: str, options: XArmTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot. Raise ``ValueError`` for an unknown ``arm_type``."""
+    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if options.port is None else options.port
+    twin = XArmTwin(
+        controller_of(
+            robot,
+            arm_type=options.arm_type,
+            serial=options.serial,
+            firmware=options.firmware,
+            speed_limit_rad_s=options.speed_limit_rad_s,
+        )
     )
+    return TcpServer(twin, twin.handlers(port), log, options.host)
 
-    def build(wire_log: WireLog) -> XArmServer:
-        return XArmServer(controller, wire_log, twin_options.host, port)
 
-    run_server(build, **start)
+main = main_of(XArmTwinOptions, build)

@@ -4,21 +4,19 @@ arm."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
-from typing import Annotated, Any, Unpack
+from collections.abc import Callable, Sequence
+from typing import Annotated
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.stepped import DrawnBody
 from strands_actors.drivers.common.twin import (
     Fault,
-    Faults,
     NetworkOptions,
-    Start,
     TcpServer,
+    TwinRobot,
     WireLog,
-    read_twin_options,
-    run_server,
+    main_of,
 )
 from strands_actors.drivers.common.twin.websocket import serving_websocket
 from strands_actors.drivers.yahboom.messages import REST, Twist
@@ -38,7 +36,7 @@ class M3ProTwinOptions(NetworkOptions, frozen=True):
     joints: Annotated[bool, option("whether /joint_states is published, which the robot itself does not")] = False
 
 
-class M3ProTwin:
+class M3ProTwin(TwinRobot):
     """One simulated robot, which all clients of its rosbridge share."""
 
     def __init__(
@@ -49,55 +47,39 @@ class M3ProTwin:
         watchdog_s: float | None = None,
         joints: bool = False,
     ) -> None:
+        super().__init__()
         table = table_of(robot)
         servos = table.servos_by((1.0,) * ARM_JOINTS)
         self.mechanism = Mechanism(table, table.watchdog_s if watchdog_s is None else float(watchdog_s), now_s)
-        self.faults = Faults()
         self.graph = Graph(table, self.mechanism, self.faults, servos, joints=joints)
         self.body = M3ProBody(self.mechanism, robot)
 
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Inject a fault. ``unit`` is ignored, because this robot has no units that can fail
-        separately."""
+    def begin_fault(self, fault: Fault) -> None:
         self.mechanism.pass_time()
         self.graph.freeze_readings(fault is Fault.STUCK)
         self.mechanism.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-        if fault is Fault.OFF:
-            self.mechanism.reset()
 
     def power_cycle(self) -> None:
         self.mechanism.reset()
 
 
-class M3ProBody:
+class M3ProBody(DrawnBody):
     """Let a simulation (another program on this computer) move the simulated robot. Parts that a
     client commands follow the client."""
 
     def __init__(self, mechanism: Mechanism, robot: str) -> None:
-        table = table_of(robot)
+        super().__init__(TABLES.table(robot), mechanism)
         self._mechanism = mechanism
-        self._robot = robot
-        self._servos = table.servos
-        self.axes = (*BASE, *(servo.key for servo in table.servos))
-        self.pass_time = mechanism.pass_time
-
-    @cached_property
-    def spec(self) -> Any:
-        # Import MuJoCo only here. It only draws the robot.
-        from strands_actors.drivers.common.physics.model_rows import build
-
-        return build(TABLES.table(self._robot))
+        self._servos = table_of(robot).servos
+        self.axes = (*BASE, *(servo.key for servo in self._servos))
 
     @property
     def commanders(self) -> Sequence[Commander]:
         mechanism = self._mechanism
-        return (mechanism.base_commander,) * len(BASE) + (mechanism.arm_commander,) * len(self._servos)
+        return (mechanism.commander,) * len(BASE) + (mechanism.arm_commander,) * len(self._servos)
 
     def felt(self) -> Felt:
-        mechanism = self._mechanism
-        still = (0.0,) * len(self.axes)
-        return Felt(mechanism.time_s, (*mechanism.runs, *self._arm_rad()), still, still, self.commanders)
+        return self._felt((*self._mechanism.runs, *self._arm_rad()))
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
@@ -105,7 +87,7 @@ class M3ProBody:
 
     def energise(self, on: bool) -> None:
         mechanism, free, driven = self._mechanism, Commander.NONE, Commander.SIM
-        if mechanism.base_commander is (free if on else driven):
+        if mechanism.commander is (free if on else driven):
             mechanism.drive(REST, driven if on else free)
         if mechanism.arm_commander is (free if on else driven):
             mechanism.hold_arm()
@@ -113,7 +95,7 @@ class M3ProBody:
 
     def set_targets(self, values: Sequence[float]) -> None:
         mechanism = self._mechanism
-        if mechanism.base_commander is Commander.SIM:
+        if mechanism.commander is Commander.SIM:
             mechanism.drive(Twist(*values[: len(BASE)]), Commander.SIM)
         if mechanism.arm_commander is Commander.SIM:
             degrees = [servo.degrees(value) for servo, value in zip(self._servos, values[len(BASE) :], strict=True)]
@@ -121,13 +103,10 @@ class M3ProBody:
 
     def hold(self) -> None:
         mechanism = self._mechanism
-        if mechanism.base_commander is Commander.SIM:
+        if mechanism.commander is Commander.SIM:
             mechanism.drive(REST, Commander.SIM)
         if mechanism.arm_commander is Commander.SIM:
             mechanism.hold_arm()
-
-    def step(self, steps: int) -> None:
-        self._mechanism.run(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._mechanism.reset()
@@ -137,18 +116,13 @@ class M3ProBody:
         return tuple(servo.radians(value) for servo, value in degrees)
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    twin_options = read_twin_options(robot, M3ProTwinOptions, options)
-    twin = M3ProTwin(robot, watchdog_s=twin_options.watchdog_s, joints=twin_options.joints)
-
-    def build(wire_log: WireLog) -> TcpServer:
-        serve = serving(twin.graph)
-        return TcpServer(
-            twin, {twin_options.port: serving_websocket(lambda path: serve)}, wire_log, twin_options.host
-        )
-
-    run_server(build, **start)
+def build(robot: str, options: M3ProTwinOptions, log: WireLog) -> TcpServer:
+    """Return the server of a robot of ``robots.toml``."""
+    twin = M3ProTwin(robot, watchdog_s=options.watchdog_s, joints=options.joints)
+    serve = serving(twin.graph)
+    return TcpServer(twin, {options.port: serving_websocket(lambda path: serve)}, log, options.host)
 
 
-__all__ = ["MODELLED", "BridgeSession", "Graph", "M3ProTwin", "Mechanism", "main"]
+main = main_of(M3ProTwinOptions, build)
+
+__all__ = ["MODELLED", "BridgeSession", "Graph", "M3ProTwin", "Mechanism", "build", "main"]

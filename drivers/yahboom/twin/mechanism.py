@@ -3,33 +3,28 @@ servos that follow their goals."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 from strands_actors.drivers.common.physics.body import Commander
+from strands_actors.drivers.common.physics.stepped import PlanarBase, towards
 from strands_actors.drivers.yahboom.messages import REST, ArmGoal, Odometry, Twist
 from strands_actors.drivers.yahboom.robots import M3Pro
 
-_STEP_S = 0.005
-_LONGEST_S = 0.25
-"""Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
-
-class Mechanism:
+class Mechanism(PlanarBase):
     """The simulated robot. Its firmware stops the base after ``watchdog_s`` seconds without a
     command; with 0 it never does."""
 
+    STEP_S = 0.005
+
     def __init__(self, table: M3Pro, watchdog_s: float, now_s: Callable[[], float]) -> None:
         self._table = table
-        self._watchdog_s = watchdog_s
-        self._now_s = now_s
-        self._updated_s = now_s()
-        self.time_s = 0.0
+        super().__init__(watchdog_s, now_s)
         self.reset()
 
     def reset(self) -> None:
         """Put the robot back at its start, at rest, with the arm in its home pose."""
-        self.base_commander = self.arm_commander = Commander.NONE
+        self.commander = self.arm_commander = Commander.NONE
         self.commanded = REST
         self.runs = REST  # present speed of the base
         self.x_m = self.y_m = self.yaw_rad = 0.0
@@ -37,7 +32,7 @@ class Mechanism:
         self._goal = list(self.degrees)
         self._speed_deg_s = [0.0] * len(self.degrees)
         self.stuck = False
-        self._commanded_s = self._now_s()
+        self._commanded_s = self.now_s()
 
     def drive(self, twist: Twist, commander: Commander) -> None:
         """Set the speed of the base, for a client or for a local simulation."""
@@ -45,8 +40,8 @@ class Mechanism:
         table = self._table
         fastest = (table.max_m_s, table.max_m_s, table.max_rad_s)
         self.commanded = Twist(*(min(max(value, -most), most) for value, most in zip(twist, fastest, strict=True)))
-        self.base_commander = commander
-        self._commanded_s = self._now_s()
+        self.commander = commander
+        self._commanded_s = self.now_s()
 
     def move_arm(self, goal: ArmGoal, commander: Commander) -> None:
         """Set the goal of the arm. A goal outside a servo's range becomes the nearest limit."""
@@ -65,40 +60,21 @@ class Mechanism:
         self._goal = list(self.degrees)
 
     def pass_time(self) -> None:
-        """Advance the simulation to the present time."""
-        now_s = self._now_s()
-        passed_s, self._updated_s = now_s - self._updated_s, now_s
-        overdue = self._watchdog_s and now_s - self._commanded_s > self._watchdog_s
-        if overdue and self.base_commander is Commander.WIRE:
-            self.commanded, self.base_commander = REST, Commander.NONE
-        self.run(min(passed_s, _LONGEST_S))
-
-    def run(self, seconds: float) -> None:
-        """Advance the simulation by ``seconds``."""
-        while seconds > 0:
-            step_s = min(seconds, _STEP_S)
-            seconds -= step_s
-            self._step(step_s)
+        if self.is_overdue:
+            self.commanded, self.commander = REST, Commander.NONE
+        super().pass_time()
 
     def odometry(self) -> Odometry:
         """Return the present odometry of the wheels."""
         return Odometry(round(self.time_s * 1e9), self.x_m, self.y_m, self.yaw_rad, self.runs)
 
     def _step(self, step_s: float) -> None:
-        self.time_s += step_s
         goals = REST if self.stuck else self.commanded
         table = self._table
         ramps = (table.ramp_m_s2, table.ramp_m_s2, table.ramp_rad_s2)
         changes = zip(self.runs, goals, ramps, strict=True)
-        self.runs = Twist(*(_towards(run, goal, ramp * step_s) for run, goal, ramp in changes))
-        ahead, across = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        self.x_m += (self.runs.x * ahead - self.runs.y * across) * step_s
-        self.y_m += (self.runs.x * across + self.runs.y * ahead) * step_s
-        self.yaw_rad += self.runs.yaw * step_s
+        self.runs = Twist(*(towards(run, goal, ramp * step_s) for run, goal, ramp in changes))
+        self._roll(*self.runs, step_s)
         if not self.stuck:
             for index, goal in enumerate(self._goal):
-                self.degrees[index] = _towards(self.degrees[index], goal, self._speed_deg_s[index] * step_s)
-
-
-def _towards(now: float, goal: float, most: float) -> float:
-    return now + max(-most, min(most, goal - now))
+                self.degrees[index] = towards(self.degrees[index], goal, self._speed_deg_s[index] * step_s)

@@ -235,10 +235,21 @@ def test_a_frame_transform_follows_the_joints() -> None:
 
 def test_the_devices_are_those_of_the_model() -> None:
     twin = Twin()
-    assert twin.read(Api.GET_SENSORS)["body"]["imus"][0]["mount_position"] == "base"
-    assert twin.read(Api.GET_HANDS) == {"kind": 1, "body": {"hands": []}}
-    model = twin.read(Api.GET_ROBOT_MODEL)
-    assert model["kind"] == 2 and len(model["body"]["joints"]) == len(twin.q)
+    assert twin.read(Api.GET_SENSORS)["imus"][0]["mount_position"] == "base"
+    assert twin.read(Api.GET_HANDS) == {"hands": []}
+    model = twin.read(Api.GET_ROBOT_MODEL)["robot_model"]
+    assert model["root_link"] == model["links"][0]["name"] == "base"
+    assert len(model["joints"]) == len(twin.q) == len(model["links"]) - 1
+    assert sum(link["inertial"]["mass"] for link in model["links"]) == pytest.approx(
+        float(sum(twin.onboard.body.model.body_mass))
+    )
+    shoulder = next(joint for joint in model["joints"] if joint["name"] == "left_shoulder_roll")
+    assert (shoulder["parent_link"], shoulder["child_link"]) == ("left_shoulder_pitch", "left_shoulder_roll")
+    assert shoulder["limit"]["lower"] < shoulder["limit"]["upper"] and shoulder["axis"] == {
+        "x": 1.0,
+        "y": 0.0,
+        "z": 0.0,
+    }
 
 
 def test_the_simulation_has_the_arms_while_the_host_has_not() -> None:

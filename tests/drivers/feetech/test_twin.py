@@ -10,6 +10,7 @@ from strands_actors.drivers.common.twin import Fault, Reply
 from strands_actors.drivers.common.twin.servo_bus import TORN_FRAME_S
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.drivers.feetech.robots import TABLES
+from strands_actors.drivers.feetech.servo import SPEED_IN_COUNTS
 from strands_actors.drivers.feetech.twin import FeetechBus, main
 
 
@@ -416,6 +417,17 @@ def test_velocity_mode_turns_until_another_command() -> None:
     bench.put(1, p.GOAL_VELOCITY, 300)
     bench.ask(p.LIMP)
     assert not bench.bus.servos[0].rate_rad_s
+
+
+def test_with_bit_2_of_the_phase_off_a_speed_counts_fifty_counts_a_second() -> None:
+    bench = Bench()
+    bench.put(1, p.PHASE, bench.get(1, p.PHASE) & ~SPEED_IN_COUNTS)
+    bench.put(1, p.MODE, p.VELOCITY_MODE)
+    bench.put(1, p.GOAL_VELOCITY, 6)
+    bench.put(1, p.TORQUE_ENABLE, 1)
+    bench.wait(1.0)
+    assert 2250 < bench.get(1, p.POSITION) < 2400
+    assert 4 <= bench.get(1, p.VELOCITY) <= 8
 
 
 def test_step_mode_and_power_mode() -> None:

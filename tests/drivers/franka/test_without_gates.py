@@ -208,7 +208,7 @@ def test_a_cycle_that_does_not_answer_shows() -> None:
     bench.cycle.obey(Order(1, tuple(goal)).pack())
     bench.controller.start(1, p.Controller.JOINT_IMPEDANCE, p.Generator.JOINT_POSITION - 1)
     bench.ticks(50)
-    for _ in range(p.MISSED_TICKS + 1):
+    for _ in range(p.MISSED_TICKS):
         assert bench.fault() == ""
         bench.controller.tick()
     assert bench.controller.reasons == {"communication_constraints_violation"}

@@ -26,7 +26,9 @@ from strands_actors.drivers.robotiq.unit import RobotiqTwin
 from strands_actors.drivers.robotiq.urcap import LINES, UrcapSession
 from strands_actors.drivers.xarm import protocol as xarm
 from strands_actors.drivers.xarm.twin import controller_of
+from strands_actors.drivers.xarm.twin import modbus as xarm_modbus
 from strands_actors.drivers.xarm.twin.controller import Controller
+from strands_actors.drivers.xarm.twin.modbus import Modbus
 from strands_actors.drivers.xarm.twin.registers import REGISTERS as XARM
 from strands_actors.drivers.xarm.twin.registers import Other
 from tests.drivers.kinova import walk as kinova_walk
@@ -57,6 +59,34 @@ XARM_WALK = Walk(
     (b"", b"\0", b"\1", bytes(28), bytes(64)),
     xarm_requests.PREPARE,
     frozenset((Other.REPORT_CURRENTS,)),  # the reports have torques already
+)
+
+
+# -- standard Modbus of an xArm
+
+
+def ask_xarm_modbus(twin: Modbus, function: int, data: bytes) -> Answer:
+    reply = twin.answer(bytes((1, function)) + data)
+    return Answer(not reply[1] & 0x80, reply[2:] if function <= xarm_modbus.INPUT_REGISTERS else b"")
+
+
+XARM_MODBUS_WALK = Walk(
+    "modbus of the xarm",
+    xarm_modbus.FUNCTIONS,
+    range(1, 128),
+    lambda: Modbus(controller_of("xarm7", now_s=still)),
+    ask_xarm_modbus,
+    {
+        xarm_modbus.COILS: b"\0\x87\0\7",
+        xarm_modbus.INPUTS: b"\0\0\0\x10",
+        xarm_modbus.HOLDING: b"\0\x20\0\2",
+        xarm_modbus.INPUT_REGISTERS: b"\0\x40\0\x09",
+        xarm_modbus.WRITE_COIL: b"\0\3\xff\0",
+        xarm_modbus.WRITE_REGISTER: b"\0\x20\0\1",
+        xarm_modbus.WRITE_COILS: b"\1\0\0\2\1\3",
+        xarm_modbus.WRITE_REGISTERS: b"\1\0\0\1\2\0\5",
+    },
+    (b"", b"\0\0\0\1", bytes(4)),
 )
 
 
@@ -196,6 +226,7 @@ def moves(server: FrankaServer) -> None:
 def walks() -> Iterator[Walk]:
     """Yield the walks of this module."""
     yield XARM_WALK
+    yield XARM_MODBUS_WALK
     read = struct.pack("<HH", 0, 2)
     yield Walk(
         "dynamixel",

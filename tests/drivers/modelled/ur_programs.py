@@ -40,7 +40,7 @@ modbus_get_signal_status modbus_send_custom_command modbus_set_output_signal mov
 path_offset_disable path_offset_enable path_offset_get path_offset_set point_dist pose_dist
 pose_sub position_deviation_warning pow powerdown random read_port_bit read_port_register
 request_boolean_from_primary_client reset_revolution_counter
-rotvec2rpy rpc_factory rpy2rotvec rtde_set_watchdog_action screw_driving servoc set_analog_inputrange
+rotvec2rpy rpc_factory rpy2rotvec rtde_set_watchdog_action screw_driving set_analog_inputrange
 set_analog_outputdomain set_conveyor_tick_count set_flag get_flag set_input_actions_to_default set_runstate_outputs
 set_tool_analog_input_domain set_tool_communication set_tool_output_mode
 set_baselight set_safety_mode_transition_hardness size
@@ -160,6 +160,7 @@ def calls() -> dict[str, Call]:
         "movej": f"movej({joints(0.2)}, a=3, v=2)",
         "movel": f"movel({pose(0.1)}, a=1, v=0.5)",
         "movep": f"movep({pose(0.1)}, a=1, v=0.5)",
+        "servoc": f"servoc({pose(0.1)}, a=1, v=0.5)",
         "servoj": f"servoj({joints(0.02)}, t=0.2)",
         "speedj": TURN,
         "speedl": RISE,
@@ -340,9 +341,10 @@ SENT: dict[int, Sent] = {
     C.MOVE_L: Sent((*LOWER, 0.5, 1.0)),
     C.MOVE_L_FK: Sent((*AHEAD, 0.5, 1.0)),
     C.MOVE_PATH: Sent((), path),
-    C.SPEED_J: Sent((0.2, 0, 0, 0, 0, 0)),
+    C.SPEED_J: Sent((0.2, 0, 0, 0, 0, 0, 5.0)),
     C.SPEED_L: Sent((0, 0, 0.05, 0, 0, 0)),
     C.SERVO_J: Sent(NEXT),
+    C.SERVO_C: Sent((*LOWER, 0.5, 1.0)),
     C.SERVO_L: Sent((*TOOL[:2], TOOL[2] - 0.005, *TOOL[3:])),
     C.JOG_START: Sent((0, 0, 0.05, 0, 0, 0, 0.0)),
     C.TEACH_MODE: Sent(),

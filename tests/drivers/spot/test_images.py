@@ -8,13 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from strands_actors.contract.extras import EXTRAS
 from strands_actors.drivers.common.ports.tls_port import TlsRecords
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message
 from strands_actors.drivers.spot.twin import SpotTwin
-from strands_actors.drivers.spot.twin import jpeg as our_jpeg
 from strands_actors.drivers.spot.twin.cameras import (
     DEPTH,
     GREY,
@@ -26,6 +27,7 @@ from strands_actors.drivers.spot.twin.cameras import (
     RAW,
     RGB,
     UNKNOWN_CAMERA,
+    jpeg,
     sources_of,
 )
 from strands_actors.drivers.spot.twin.geometry import Pose, pose_at
@@ -201,28 +203,28 @@ def test_comments_of_operators_are_kept() -> None:
 # -- JPEG
 
 
-@pytest.mark.parametrize("shape", [(48, 64), (51, 61), (48, 64, 3), (7, 9, 3)])
-@pytest.mark.parametrize(("quality", "error"), [(100.0, 2.0), (75.0, 8.0), (10.0, 30.0)])
-def test_another_decoder_reads_our_files(shape: tuple[int, ...], quality: float, error: float) -> None:
-    chance = np.random.default_rng(1)
-    smooth = chance.integers(0, 255, (4, 5, *shape[2:])).astype(np.float32)
-    picture = np.clip(cv2.resize(smooth, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), 0, 255).astype(
-        np.uint8
-    )
-    read = cv2.imdecode(np.frombuffer(our_jpeg.encode(picture, quality), np.uint8), cv2.IMREAD_UNCHANGED)
+def colours(data: bytes) -> NDArray[np.uint8]:
+    read = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert read is not None
-    if picture.ndim == 3:
-        read = cv2.cvtColor(read, cv2.COLOR_BGR2RGB)
-    assert read.shape == picture.shape
-    assert np.abs(read.astype(float) - picture).mean() < error
+    return cv2.cvtColor(read, cv2.COLOR_BGR2RGB).astype(np.uint8)
 
 
-def test_noise_and_extremes_survive() -> None:
-    chance = np.random.default_rng(2)
-    for picture in (chance.integers(0, 256, (40, 40)), chance.integers(0, 2, (40, 40)) * 255):
-        data = our_jpeg.encode(picture.astype(np.uint8), 100.0)
-        read = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        assert read is not None and np.abs(read.astype(float) - picture).mean() < 4.0
+def test_a_file_has_the_colours_of_its_picture_in_their_order() -> None:
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[:, :32, 0], picture[:, 32:, 2] = 200, 90
+    assert np.abs(colours(jpeg(picture, 100.0)).astype(float) - picture).mean() < 3.0
+    assert len(jpeg(picture, 10.0)) < len(jpeg(picture, 100.0))
+
+
+def test_without_opencv_a_source_offers_raw_pictures_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EXTRAS, "cameras", ("no_such_module",))
+
+    async def test() -> None:
+        listed, _ = standing().answer("ListImageSources", {})
+        assert all(source["image_formats"] == [RAW] for source in listed["image_sources"])
+        assert taken(standing(), "left_fisheye_image")["shot"]["image"]["format"] == RAW
+
+    virtual(test)
 
 
 # -- a long answer

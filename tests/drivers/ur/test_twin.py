@@ -54,9 +54,21 @@ def test_servo_stop_stops_and_reports_done(world: World) -> None:
 
 def test_speed_never_expires_by_itself(world: World) -> None:
     world.start()
-    world.command(c.Command.SPEED_J, 0.2, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.2, 0, 0, 0, 0, 0, 5.0)
     world.run(2.0)
     assert abs(world.pan - 0.4) < 0.05
+
+
+def test_speeds_that_are_streamed_add_up_and_accelerate(world: World) -> None:
+    """As speedj_example of ur-rtde: each cycle a little faster, for two seconds."""
+    world.start()
+    for number in range(1000):
+        world.command(c.Command.SPEED_J, 0.0005 * number, 0, 0, 0, 0, 0, 0.5)
+        world.run(0.002)
+    assert abs(world.pan - 0.5) < 0.03
+    world.command(c.Command.SPEED_J, 0, 0, 0, 0, 0, 0, 0.5)
+    world.run(2.0)
+    assert abs(world.pan - 0.75) < 0.03, "it brakes for a second"
 
 
 def test_move_is_done_when_it_is_there(world: World) -> None:
@@ -72,7 +84,7 @@ def test_move_is_done_when_it_is_there(world: World) -> None:
 def test_saf_013_the_watchdog_stops_the_program(world: World) -> None:
     world.start()
     world.command(c.Command.SET_WATCHDOG, 10.0)
-    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0, 5.0)
     world.run(0.08)
     assert world.controller.runtime_state == p.RuntimeState.PLAYING
     world.run(0.04)
@@ -93,7 +105,7 @@ def test_a_watchdog_that_is_fed_lets_it_go_on(world: World) -> None:
 @pytest.mark.parametrize("mode", [mode for mode in p.SafetyMode if mode not in p.MOVABLE_SAFETY])
 def test_a_safety_stop_ends_the_program_and_takes_no_other(world: World, mode: p.SafetyMode) -> None:
     world.start()
-    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0, 5.0)
     world.run(0.2)
     world.controller.set_safety(mode)
     world.run(0.3)
@@ -115,7 +127,7 @@ def test_brakes_hold_the_arm_without_power(world: World) -> None:
 
 def test_stopj_replaces_the_program(world: World) -> None:
     world.start()
-    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0, 5.0)
     world.run(0.2)
     world.controller.start_program(program_of(p.STOP_SCRIPT, world.controller))
     world.run(1.0)

@@ -60,6 +60,10 @@ def test_moves_by_pose_and_by_joints_arrive(world: World) -> None:
     world.command(c.Command.MOVE_L_FK, *HOME_RAD, 0.5, 1.0)
     world.run(1.5)
     assert world.answer == c.DONE and np.allclose(world.joints, HOME_RAD, atol=3e-3)
+    world.command(c.Command.NONE)
+    world.command(c.Command.SERVO_C, *goal, 0.5, 1.0, 0.0)
+    world.run(1.5)
+    assert world.answer == c.DONE and same(world.tool, goal)
 
 
 def test_speed_servo_and_jog_lead_the_tool(world: World) -> None:

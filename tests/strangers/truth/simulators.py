@@ -26,7 +26,7 @@ from ..fetch import NotFetched, fetch
 from ..run import STUBS
 from ..table import Client
 from ..verdict import last_line
-from . import franka, reachy
+from . import by_client, reachy
 from .compare import Event, absent_of, result_of
 
 START_S = 300.0
@@ -118,6 +118,33 @@ def franky_sim(folder: Path) -> Iterator[str]:
         yield FRANKA_HOST
 
 
+UNITREE_FOLDER = "STRANDS_ACTORS_UNITREE_MUJOCO"
+"""The environment variable that names a checkout of unitree_mujoco, which is in no package index."""
+UNITREE = "https://github.com/unitreerobotics/unitree_mujoco", "c598f10"
+
+
+@contextlib.contextmanager
+def unitree_mujoco(folder: Path) -> Iterator[str]:
+    """Run Unitree's simulator with a Go2, without its screen."""
+    checkout = os.environ.get(UNITREE_FOLDER)
+    if checkout is None:
+        repository, commit = UNITREE
+        raise RuntimeError(f"{UNITREE_FOLDER} names no checkout of {repository} at {commit}")
+    python = fetch(Client(name="mujoco", version="3.3.7", license="", robot="", needs=("pygame",))).python
+    client = by_client.fetched("unitree-sdk2py-dimos").python
+    (packages,) = client.parents[1].glob("lib/python*/site-packages")
+    log = folder / "sim.log"
+    command = [str(python), str(Path(__file__).with_name("unitree_simulator.py")), f"{checkout}/simulate_python"]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(packages),
+        "SDL_VIDEODRIVER": "dummy",
+        "SDL_AUDIODRIVER": "dummy",
+    }
+    with running(command, environment, log, lambda: "ready" in log.read_text(errors="replace")):
+        yield "127.0.0.1"
+
+
 def _environment(name: str, version: str) -> Path:
     """Return the Python of the environment of a simulator."""
     return fetch(Client(name=name, version=version, license="", robot="fr3")).python
@@ -164,9 +191,21 @@ FRANKY_NOTE = (
     "It has a hand (0.103 m), so its end effector is lower. Its torques contain gravity: franka-sim 1.1.7 and our "
     "twin report them without [assumed of the real arm]. It has no guard against a jump."
 )
+UNITREE_NOTE = (
+    "It steps by 5 ms and sends one state for each step; a robot and our twin send 500 a second. It leaves the "
+    "head of a state empty. It runs here without its screen, which its own main program needs."
+)
 SIMULATORS: Mapping[str, Simulator] = {
-    "franka-sim": Simulator("franka-sim 1.1.7", "fr3", {}, franka_sim, franka.session),
-    "franky-sim": Simulator("franky-sim 1.0.4", "fr3", {}, franky_sim, franka.session, FRANKY_NOTE),
+    "franka-sim": Simulator("franka-sim 1.1.7", "fr3", {}, franka_sim, by_client.franka),
+    "franky-sim": Simulator("franky-sim 1.0.4", "fr3", {}, franky_sim, by_client.franka, FRANKY_NOTE),
+    "unitree_mujoco": Simulator(
+        "unitree_mujoco (c598f10)",
+        "unitree_go2",
+        {"simulator": True},
+        unitree_mujoco,
+        by_client.unitree,
+        UNITREE_NOTE,
+    ),
     "reachy-mini": Simulator(
         "reachy-mini-daemon 1.13.0 --sim",
         "reachy_mini",
