@@ -70,6 +70,7 @@ WIRES = {
     "franka": "strands_actors.drivers.franka.driver:Franka",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
+    "can_motors": "strands_actors.drivers.can_motors.driver:CanMotors",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "rby1": "strands_actors.drivers.rby1.driver:RBY1",
@@ -121,7 +122,7 @@ OTHER_ROBOTS = (
     "arx_l5", "asimov_v0", "cassie", "dynamixel_2r", "elf2", "fourier_n1", "go1", "google_robot", "jvrc",
     "leap_hand", "mujoco_humanoid", "op3", "piper", "robot_soccer_kit", "sawyer", "shadow_dexee", "shadow_hand",
     "skydio_x2", "talos", "tiago_dual", "toddlerbot_2xc", "toddlerbot_2xm", "trossen_wxai", "unitree_a1", "vx300s",
-    "wx250s", "yam", "z1",
+    "wx250s", "z1",
 )  # fmt: skip
 """Robots that strands-robots knows by name, without a hardware driver anywhere. After
 ``register_robot(name, model_xml=...)`` such a robot can be simulated."""
