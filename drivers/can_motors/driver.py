@@ -33,6 +33,9 @@ from .robots import TABLES, arm_of, model_table, read_table, table_of
 from .stopping import CONFIRM_S, DAMP_S
 
 MARGIN_S = 0.5
+LATE_S = 0.02
+"""A setpoint of a stream that comes late may step as far as the joint turns in this time. The motor goes there at
+once, with its stiffness."""
 OnExit = Literal["lower", "damp", "limp", "zero_torque"]
 _SAFE_STATES: Mapping[str, SafeState] = {
     "lower": SafeState.LOWERED,
@@ -141,7 +144,7 @@ class CanMotors(Driver):
             **dict.fromkeys(WITHOUT_HURRY, _SAFE_STATES[on_exit]),
         }
         self.conditions = conditions(arm, self.timing.state_ttl_s)
-        gates = target_gates(arm, control_s, plans_motion=False)
+        gates = target_gates(arm, control_s, plans_motion=True, late_s=LATE_S)
         self.gates = gates if chosen.gains_in_actions else (table_gains(arm), *gates)
         self._parser = Parser(arm)
 
@@ -150,8 +153,8 @@ class CanMotors(Driver):
         if len(self.config.ports) != buses or not all(self.config.ports):
             example = ",".join(f"can{bus}" for bus in range(buses))
             raise ValueError(
-                f"port is {port!r}. Number of CAN buses of {self.robot}: {buses}. Give {example}, or the path of an "
-                "adapter for each, with commas between them"
+                f"port is {port!r}. Number of CAN buses of {self.robot}: {buses}. Give {example}, or the path of "
+                "an adapter for each, with commas between them"
             )
         if len(set(self.config.ports)) < buses:
             raise ValueError(f"port is {port!r}, and names one bus twice. Give one for each arm")

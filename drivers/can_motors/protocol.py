@@ -1,14 +1,14 @@
 """Encode and decode the CAN frames of Damiao and RobStride motors in their MIT mode. Pure.
 
-In MIT mode a motor gives the torque ``kp (q - position) + kd (dq - velocity) + tau`` for the five numbers of its last
-command, until the next command. It answers each frame with its feedback. Numbers are mapped linearly onto unsigned
-integers. The codec converts from the joint to its motor by the sign and the offset of the robot's table.
+In MIT mode a motor gives the torque ``kp (q - position) + kd (dq - velocity) + tau`` for the five numbers of its
+last command, until the next command. It answers each frame with its feedback. Numbers are mapped linearly onto
+unsigned integers. The codec converts from the joint to its motor by the sign and the offset of the robot's table.
 
 Damiao     standard frames (11 bits) to the motor's id; its feedback has another id (``feedback``)
 RobStride  extended frames (29 bits) of its private protocol: the type of the message is a part of the id
 
-Zero speed lies between two integers. A setpoint of speed zero takes the lower one, and a hold takes the upper one
-(``HOLD``). So a log of the bus shows which frames move the arm, and the difference of 0.02 rad/s at most has no effect.
+Zero speed lies between two integers. A setpoint of speed zero takes the lower one, and a hold takes the upper one.
+So a log of the bus shows which frames may move the arm. The difference, 0.02 rad/s for most motors, has no effect.
 """
 
 from __future__ import annotations

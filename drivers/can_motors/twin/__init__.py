@@ -1,7 +1,8 @@
 """Simulate an arm of CAN motors (a "twin"): its motors on one or two buses, with MuJoCo for the joints.
 
 Each bus is a serial port with an adapter, which speaks ``slcan`` or the language of Damiao's or RobStride's
-adapter, whichever the client begins with. With the option ``interfaces`` each bus is a network interface, such as ``vcan0``.
+adapter, whichever the client begins with. With the option ``interfaces`` each bus is a network interface, such as
+``vcan0``.
 
 Its log has each frame that a motor has received, by its kind:
 

@@ -187,7 +187,7 @@ ROBSTRIDE_TYPES: Modelled[int] = Modelled(
         RobStride.COMMAND: "a command in MIT mode",
         RobStride.ENABLE: "switches the torque on, unless a fault is latched",
         RobStride.DISABLE: "switches the torque off; with 1 in the first byte it also clears a latched fault",
-        RobStride.READ: "reads 0x7005 (mode), 0x7019 (position), 0x701B (velocity), 0x701C (supply) or 0x7028 (timeout)",
+        RobStride.READ: "reads 0x7005 (mode), 0x7019 (position), 0x701B (velocity), 0x701C (supply), 0x7028",
         RobStride.WRITE: "writes a parameter: 0x7005 (0 only), 0x7028",
     },
     "silence",
