@@ -57,6 +57,7 @@ __all__ = [
     "model_of",
     "port_kind",
     "register_native_driver",
+    "register_own_table",
     "register_robot",
     "resolve_driver",
 ]
@@ -86,6 +87,9 @@ WIRES = {
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
 """Name of a wire protocol to the location of its driver class. Each class supports one or several robots."""
+
+OWN_TABLES = {"table": "can_motors"}
+"""Keyword with the table of a user's own robot, to the wire that reads it. Such a robot may have any name."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
@@ -304,6 +308,19 @@ def register_robot(
         driver, None if model_xml is None else os.path.abspath(os.path.expanduser(model_xml))
     )
     _aliases.update(dict.fromkeys(names[1:], robot))
+
+
+def register_own_table(name: str, keywords: Mapping[str, Any]) -> None:
+    """Register a robot of a new name, if a keyword of ``OWN_TABLES`` describes it.
+
+    Args:
+        name: Name of the robot. A known name keeps its driver.
+        keywords: The keywords of ``Robot``.
+    """
+    wire = next((wire for keyword, wire in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
+    if wire is not None and name not in list_driver_coverage():
+        register_robot(name, hardware={"driver": NATIVE_DRIVER})
+        register_native_driver(name, load(WIRES[wire]))
 
 
 def canonical_name(name: str) -> str:

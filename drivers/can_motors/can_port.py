@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import re
 import socket
 from collections.abc import Callable, Iterable
 
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.ports.addresses import check_device
 from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.ports.serial_port import BytePort, SerialPort, open_serial
 from strands_actors.kernel.processes.reserve import RESERVE
@@ -22,6 +24,14 @@ OpenPort = Callable[[str, int], BytePort]
 def is_interface(port: str) -> bool:
     """Return True if ``port`` names a network interface, such as ``can0``, and no serial device."""
     return "/" not in port
+
+
+def check_bus(port: str) -> None:
+    """Raise ``ValueError`` unless ``port`` can name a network interface or a serial device."""
+    if not is_interface(port):
+        check_device(port)
+    elif not re.fullmatch(r"[A-Za-z]\w{0,14}", port, re.ASCII):
+        raise ValueError(f"port is {port!r}. Give a CAN interface (can0), or the path of an adapter (/dev/ttyACM0)")
 
 
 class CanSocket:

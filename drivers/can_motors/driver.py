@@ -26,7 +26,7 @@ from strands_actors.drivers.common.kit.motor_targets import Parser, target_gates
 from strands_actors.drivers.common.servo.resting import WITHOUT_HURRY
 from strands_actors.kernel.messages import Refused
 
-from .can_port import is_interface
+from .can_port import check_bus, is_interface
 from .config import CanConfig
 from .gates import conditions, table_gains
 from .robots import TABLES, arm_of, model_table, read_table, table_of
@@ -72,7 +72,7 @@ class Options(DriverOptions, frozen=True):
 
 
 class CanMotors(Driver):
-    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = (*TABLES.robots, "can_arm")
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     PORT_LIKE: ClassVar[str] = "can0"
@@ -81,6 +81,7 @@ class CanMotors(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.can_motors.twin:main"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, SENSORS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ("table", "side")
 
     config: CanConfig
     unit = "radians"
@@ -150,6 +151,8 @@ class CanMotors(Driver):
 
     def check_port(self) -> None:
         port, buses = ",".join(self.config.ports), self.arm.buses
+        for name in self.config.ports:
+            check_bus(name)
         if len(self.config.ports) != buses or not all(self.config.ports):
             example = ",".join(f"can{bus}" for bus in range(buses))
             raise ValueError(
