@@ -13,6 +13,7 @@ If a program is late, the arm holds. For all other faults it is damped.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -54,7 +55,7 @@ class Options(DriverOptions, frozen=True):
     ] = None
     baud: Annotated[int, option("bits per second of the serial port", gt=0)] = 921_600
     side: Annotated[Literal["left", "right"], option("side of a single arm, for its ranges")] = "right"
-    control_frequency: Annotated[float, option("commands per second", ge=20, le=500)] = 250.0
+    control_frequency: Annotated[float, option("commands per second", ge=50, le=500)] = 250.0
     gravity_compensation: Annotated[bool, option("add the torques that carry the arm, by its model")] = False
     gains_in_actions: Annotated[bool, option("let actions set kp and kd")] = False
     on_exit: Annotated[
@@ -64,7 +65,7 @@ class Options(DriverOptions, frozen=True):
             "zero_torque; None: lower for an arm with a rest pose and a model, else damp"
         ),
     ] = None
-    lower_s: Annotated[float, option("seconds that lowering may take; then the arm is damped", ge=0.5, le=20)] = 8.0
+    lower_s: Annotated[float, option("seconds that lowering may take; then it is damped", ge=0.5, le=20)] = 12.0
     table: Annotated[
         str | dict[str, Any] | None,
         option("table of an arm of your own: the path of a TOML file, or its content", is_path=True),
@@ -94,6 +95,9 @@ class CanMotors(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        table = options.get("table")
+        if isinstance(table, os.PathLike):
+            options = {**options, "table": os.fspath(table)}
         chosen = read_options(robot, Options, options)
         table = _table(robot, chosen)
         arm_of(robot, table)

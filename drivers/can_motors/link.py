@@ -62,12 +62,18 @@ class Link:
         return cls(config, ports, clock)
 
     def poll(self) -> None:
-        """Take the frames that have arrived. Raise ``WireDown`` if a bus is lost."""
+        """Take the frames that have arrived on all buses. Then raise ``WireDown`` if one is lost."""
+        lost: WireDown | None = None
         for bus, port in enumerate(self.ports):
-            for frame in port.received():
-                index = self._index.get((bus, -(frame.id >> 8 & 0xFF) if frame.extended else frame.id))
-                if index is not None:
-                    self._take(index, frame)
+            try:
+                for frame in port.received():
+                    index = self._index.get((bus, -(frame.id >> 8 & 0xFF) if frame.extended else frame.id))
+                    if index is not None:
+                        self._take(index, frame)
+            except WireDown as down:
+                lost = down
+        if lost is not None:
+            raise lost
 
     def _take(self, index: int, frame: Frame) -> None:
         decoded = self.codecs[index].decode(frame)

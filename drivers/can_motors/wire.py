@@ -35,7 +35,7 @@ ANSWER_S = 0.02
 """A motor that has not answered after this time is asked again."""
 ATTEMPTS = 5
 IDLE_S = 0.02
-"""Period of questions to motors that get no commands."""
+"""After this time without a command, and after two control periods at least, the motors are asked."""
 LOST_S = 0.3
 """If no motor at all is heard for this time, the connection counts as lost."""
 OUTSIDE_RAD = 0.09
@@ -141,8 +141,9 @@ class CanWire(PromptSessionWire[CanSession]):
         link = Link.open(self._config, self._clock, self._open_port)
         self.session_or_none = CanSession(self._config, link, self._clock)
         try:
+            missing = await self._read_ranges(link)
             began_ns = self._clock.now_ns()
-            missing = await self._exchange(
+            missing = missing or await self._exchange(
                 link,
                 lambda index: [link.codecs[index].ask()],
                 lambda index: link.stamp_ns[index] > began_ns,
@@ -152,24 +153,26 @@ class CanWire(PromptSessionWire[CanSession]):
                     f"open: no answer from {link.names(missing)} at {', '.join(self._config.ports)}. Check the "
                     "power, the wires and the ids of the motors, and that the bus runs at 1 Mbit/s"
                 )
-            await self._read_ranges(link)
         except BaseException:
             self.close()
             raise
         return {"buses": list(self._config.ports), "adapters": list(self._config.adapters)}
 
-    async def _read_ranges(self, link: Link) -> None:
-        """Use the ranges that the motors report, because a motor may have been configured with other ones."""
+    async def _read_ranges(self, link: Link) -> list[int]:
+        """Use the ranges that the motors report, because a motor may have been configured with other ones.
+
+        Return the motors that have not answered.
+        """
         numbers = [codec.RANGES for codec in link.codecs]
-        unread = await self._read_parameters(link, numbers)
-        if unread:
-            raise WireDown(f"open: {link.names(unread)} did not report its ranges. Check the wires, then try again")
+        if unread := await self._read_parameters(link, numbers):
+            return unread
         for index, (motor, own) in enumerate(zip(link.motors, numbers, strict=True)):
             if own:
                 found = (link.parameters[index, number].real for number in own)
                 usual = motor.type.ranges
                 position, velocity, torque = found
                 link.codecs[index] = motor.codec(Ranges(position, velocity, torque, usual.kp, usual.kd))
+        return []
 
     async def arm(self, permit: Permit) -> Observation:
         """Set up and energise motor after motor, each held at its measured position."""
@@ -283,7 +286,7 @@ class CanWire(PromptSessionWire[CanSession]):
         session = self.session
         link, now_ns = session.link, self._clock.now_ns()
         link.poll()
-        if now_ns - session.sent_ns >= IDLE_S * NS:
+        if now_ns - session.sent_ns >= max(IDLE_S, 2 * self._config.control_s) * NS:
             session.sent_ns = now_ns
             link.send((index, codec.ask()) for index, codec in enumerate(link.codecs))
         silent_s = (now_ns - max(link.stamp_ns)) / NS
@@ -375,7 +378,7 @@ class CanWire(PromptSessionWire[CanSession]):
             keys = [motor.key for motor in link.motors]
             path = RestPath(Chain(self._config.model, keys), session.target, rest)
             began_ns = self._clock.now_ns()
-            async with aclosing(self._clock.ticks(PERIOD_S)) as ticks:
+            async with aclosing(self._clock.ticks(self._config.control_s)) as ticks:
                 async for now_ns in ticks:
                     link.poll()
                     passed_s = (now_ns - began_ns) / NS
