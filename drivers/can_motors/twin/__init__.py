@@ -45,7 +45,7 @@ from strands_actors.drivers.common.twin.server import Conversation, Frost
 
 from .adapters import AnyAdapter
 from .can_line import CanLine
-from .motor import MODELLED, SIMULATED, MitPlant, SimMotor
+from .motor import MODELLED, SIMULATED, MitPlant, SimMotor, SimRobStride
 
 __all__ = ["MODELLED", "CanRobot", "CanServer", "main"]
 
@@ -60,6 +60,7 @@ class CanTwinOptions(TwinOptions, frozen=True):
     interfaces: Annotated[str, option("CAN interfaces to serve at instead of serial ports: vcan0")] = ""
     side: Annotated[str, option("side of a single arm: left or right", pattern="^(left|right)$")] = SIDES[1]
     table: Annotated[str | dict[str, Any] | None, option("table of an arm of one's own")] = None
+    mit_protocol: Annotated[bool, option("whether RobStride motors speak the MIT protocol, with 11 bits")] = False
 
 
 class CanRobot:
@@ -208,12 +209,16 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     arm = arm_of(robot, table)
 
     def build(log: WireLog) -> CanServer:
+        twin = CanRobot(arm, table)
+        for motor in twin.motors:
+            if isinstance(motor, SimRobStride):
+                motor.speaks_mit = chosen.mit_protocol
         if chosen.interfaces:
             names = chosen.interfaces.split(",")
-            return CanServer(CanRobot(arm, table), [CanLine(name) for name in names], log, socketcan=True)
+            return CanServer(twin, [CanLine(name) for name in names], log, socketcan=True)
         links = (
             [None] * arm.buses if chosen.link is None else [f"{chosen.link}{bus or ''}" for bus in range(arm.buses)]
         )
-        return CanServer(CanRobot(arm, table), [PtyLine(link) for link in links], log)
+        return CanServer(twin, [PtyLine(link) for link in links], log)
 
     run_server(build, **start)

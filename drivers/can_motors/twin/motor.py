@@ -192,8 +192,23 @@ ROBSTRIDE_TYPES: Modelled[int] = Modelled(
     },
     "silence",
 )
-MODELLED = (DAMIAO_COMMANDS, DAMIAO_REGISTERS, ROBSTRIDE_TYPES)
+ROBSTRIDE_MIT: Modelled[int] = Modelled(
+    "RobStride in the MIT protocol: last byte of a command of seven bytes FF",
+    {
+        Damiao.ENABLE: "switches the torque on, unless a fault is latched",
+        Damiao.DISABLE: "switches the torque off",
+        Damiao.CLEAR: "clears a latched fault",
+    },
+    "it counts as no command",
+)
+MODELLED = (DAMIAO_COMMANDS, DAMIAO_REGISTERS, ROBSTRIDE_TYPES, ROBSTRIDE_MIT)
 _WRITABLE = {9: (0, 0xFFFFFFFF), 10: (1, 1)}
+
+
+def mit_numbers(data: bytes) -> tuple[int, int, int, int, int]:
+    """Return q, dq, tau, kp and kd of a command of eight bytes."""
+    whole = int.from_bytes(data, "big")
+    return whole >> 48, whole >> 36 & 0xFFF, whole & 0xFFF, whole >> 24 & 0xFFF, whole >> 12 & 0xFFF
 
 
 def _u32(value: int) -> bytes:
@@ -234,10 +249,7 @@ class SimDamiao(SimMotor):
                 self.switch(State.DISABLED if self.state is not State.ENABLED else self.state)
                 kind = "config"
         else:
-            whole = int.from_bytes(data, "big")
-            numbers = (whole >> 48, *(whole >> shift & 0xFFF for shift in (36, 0, 24, 12)))
-            q, dq, tau, kp, kd = numbers
-            kind, said = self.drive(q, dq, tau, kp, kd, Damiao.BITS)
+            kind, said = self.drive(*mit_numbers(data), Damiao.BITS)
         return Done(kind, said, (self._feedback(),))
 
     def _parameter(self, data: bytes) -> Done:
@@ -264,15 +276,20 @@ class SimDamiao(SimMotor):
 
 
 class SimRobStride(SimMotor):
+    """A RobStride motor. It speaks the private protocol, and in ``speaks_mit`` the MIT protocol instead."""
+
     timeout = RobStride.TIMEOUT
     SUPPLY_V = 48.0
+    speaks_mit = False
 
     def fresh(self) -> dict[int, bytes]:
         return {RobStride.MODE: _u32(0), RobStride.TIMEOUT: _u32(0), 0x701C: _f32(self.SUPPLY_V)}
 
     def receive(self, frame: Frame) -> Done | None:
-        if not frame.extended or frame.id & 0xFF != self.motor.id or len(frame.data) != 8:
+        if frame.extended is self.speaks_mit or frame.id & 0xFF != self.motor.id or len(frame.data) != 8:
             return None
+        if self.speaks_mit:
+            return self._receive_mit(frame.data)
         kind, data = frame.id >> 24, frame.data
         said = ""
         match kind:
@@ -306,6 +323,27 @@ class SimRobStride(SimMotor):
             case _:
                 return Done("other", "")
         return Done(label, said, (self._feedback(),))
+
+    def _receive_mit(self, data: bytes) -> Done:
+        """Carry out a frame of the MIT protocol: that of Damiao's motors, without registers."""
+        kind, said = "other", ""
+        if data[:7] == b"\xff" * 7 and data[7] in ROBSTRIDE_MIT:
+            if data[7] == Damiao.ENABLE:
+                kind = "enable"
+                if self.state is State.DISABLED:
+                    self.switch(State.ENABLED)
+            elif data[7] == Damiao.DISABLE:
+                kind, said = self.limp()
+                self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
+            else:
+                kind = "read"
+                self.switch(self.state if self.state is State.ENABLED else State.DISABLED)
+        elif data[:6] != b"\xff" * 6:
+            kind, said = self.drive(*mit_numbers(data), Damiao.BITS)
+        q, dq, tau = self.codes(Damiao.BITS)
+        middle = (q << 24 | dq << 12 | tau).to_bytes(5, "big")
+        tenths = round(self.temperature_c * 10).to_bytes(2, "big")
+        return Done(kind, said, (Frame(HOST, bytes((self.motor.id,)) + middle + tenths),))
 
     def _read(self, frame: Frame, number: int) -> Done:
         q, dq, _ = self.reading()

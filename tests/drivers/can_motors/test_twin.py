@@ -1,4 +1,4 @@
-"""Drive the twin, a process behind a pseudo-terminal, with clients of others, unchanged: motorbridge and python-can."""
+"""Drive the twin, a process behind a pseudo-terminal, with unchanged clients: motorbridge and python-can."""
 
 from __future__ import annotations
 
@@ -38,9 +38,8 @@ def test_motorbridge_drives_an_arm_over_damiaos_adapter(twin: Twin) -> None:
 
     def states() -> list[Any]:
         for number, motor in enumerate(motors):
-            motor.send_mit(
-                0.3 if not number else 0.0, 0.0, 45.0 if number < 3 else 8.0, 3.0 if number < 3 else 1.0, 0.0
-            )
+            stiff = number < 3
+            motor.send_mit(0.0 if number else 0.3, 0.0, 45.0 if stiff else 8.0, 3.0 if stiff else 1.0, 0.0)
         controller.poll_feedback_once()
         return [motor.get_state() for motor in motors]
 
