@@ -53,7 +53,7 @@ class Options(DriverOptions, frozen=True):
             "adapter at a serial port; None: that of the robot's table. A port without / is an interface (can0)"
         ),
     ] = None
-    baud: Annotated[int, option("bits per second of the serial port", gt=0)] = 921_600
+    baud: Annotated[int, option("bits per second of the serial port", gt=0, le=12_000_000)] = 921_600
     side: Annotated[Literal["left", "right"], option("side of a single arm, for its ranges")] = "right"
     control_frequency: Annotated[float, option("commands per second", ge=50, le=500)] = 250.0
     gravity_compensation: Annotated[bool, option("add the torques that carry the arm, by its model")] = False

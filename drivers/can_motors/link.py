@@ -64,21 +64,22 @@ class Link:
     def poll(self) -> None:
         """Take the frames that have arrived on all buses. Then raise ``WireDown`` if one is lost."""
         lost: WireDown | None = None
+        now_ns = self.clock.now_ns()
         for bus, port in enumerate(self.ports):
             try:
                 for frame in port.received():
                     index = self._index.get((bus, -(frame.id >> 8 & 0xFF) if frame.extended else frame.id))
                     if index is not None:
-                        self._take(index, frame)
+                        self._take(index, frame, now_ns)
             except WireDown as down:
                 lost = down
         if lost is not None:
             raise lost
 
-    def _take(self, index: int, frame: Frame) -> None:
+    def _take(self, index: int, frame: Frame, now_ns: int) -> None:
         decoded = self.codecs[index].decode(frame)
         if isinstance(decoded, Feedback):
-            self.feedback[index], self.stamp_ns[index] = decoded, self.clock.now_ns()
+            self.feedback[index], self.stamp_ns[index] = decoded, now_ns
         elif decoded is not None:
             self.parameters[index, decoded.number] = decoded
 

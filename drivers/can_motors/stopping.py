@@ -5,7 +5,7 @@ The first frames leave at once, and they depend on no reading: ``kp`` is 0, so n
     damp          kd of the table, until the joints stand or ``DAMP_S`` have passed. The arm sinks slowly
     zero_torque   all gains 0, for ``ZERO_S``
     limp, off     nothing
-    then, for all of them, each motor is disabled, until its feedback shows that it has no torque
+    then, for all of them, each motor is disabled, until its answers show that it has no torque
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.kernel.clock import NS
 
 from .link import Addressed, Link
-from .protocol import Command, State
+from .protocol import TICKS_PER_S, Command, State
 
 PERIOD_S = 0.005
 DAMP_S = 2.0
@@ -29,8 +29,11 @@ STANDING_S = 0.1
 ZERO_S = 0.1
 CONFIRM_S = 0.5
 """Longest time until all motors have confirmed that they are disabled."""
-AFTER_S = 0.001
-"""Feedback that arrives later than this after the first frame answers that frame or a later one [assumed]."""
+TIMEOUT_S = 0.2
+"""Time without a command after which a motor switches its torque off. The processes of the robot notice a fault
+much earlier, and damp the arm. This is the last line: an arm without torque falls."""
+MARKS = 1000
+"""A stop makes the timeout longer by so many units of 50 us at most, to mark its answers."""
 
 
 def first_frames(link: Link, safe_state: SafeState) -> list[Addressed]:
@@ -51,6 +54,12 @@ async def bring_down(link: Link, safe_state: SafeState) -> tuple[MotorReport, ..
     """
     brakes = first_frames(link, safe_state)
     failures = link.send_stop(brakes, resync=True)
+    if all(failures.values()):
+        # No bus takes frames. The caller opens them anew, and must not wait.
+        return tuple(
+            MotorReport(motor.key, motor.id, False, False, False, failures[index])
+            for index, motor in enumerate(link.motors)
+        )
     if safe_state not in (SafeState.LIMP, SafeState.OFF):
         await _brake(link, brakes, ZERO_S if safe_state is SafeState.ZERO_TORQUE else DAMP_S)
     return await _disable(link, failures)
@@ -74,36 +83,44 @@ async def _brake(link: Link, frames: list[Addressed], longest_s: float) -> None:
 
 
 async def _disable(link: Link, written: dict[int, str]) -> tuple[MotorReport, ...]:
+    """Disable every motor, and confirm it by an answer that no earlier answer can be taken for.
+
+    The frames on the bus have no numbers. So after each disable the motor's timeout is set to a value that depends
+    on the time, and is read back: a motor answers in order.
+    """
     began_ns = link.clock.now_ns()
-    frames = [(index, codec.disable()) for index, codec in enumerate(link.codecs)]
+    mark = round(TIMEOUT_S * TICKS_PER_S) + began_ns // 1_000_000 % MARKS
+    numbers = [codec.TIMEOUT for codec in link.codecs]
+    for index, number in enumerate(numbers):
+        link.parameters.pop((index, number), None)
+
+    def energised(index: int) -> str:
+        parameter = link.parameters.get((index, numbers[index]))
+        if parameter is None or parameter.whole != mark:
+            return "silent"
+        return "still energised" if link.feedback[index].state is State.ENABLED else ""
+
     failures: dict[int, str] = {}
     async with aclosing(link.clock.ticks(PERIOD_S)) as ticks:
         async for now_ns in ticks:
             with suppress(WireDown):
                 link.poll()
-            waiting = [index for index in range(len(frames)) if _energised(link, index, began_ns)]
-            if (not waiting and now_ns > began_ns) or now_ns - began_ns > CONFIRM_S * NS:
+            waiting = [index for index in range(len(numbers)) if energised(index)]
+            if not waiting or now_ns - began_ns > CONFIRM_S * NS:
                 break
-            failures |= link.send_stop([frames[index] for index in waiting] or frames)
+            failures |= link.send_stop(
+                (index, frame)
+                for index in waiting
+                for codec, number in ((link.codecs[index], numbers[index]),)
+                for frame in (codec.disable(), codec.write(number, mark), codec.read(number))
+            )
     reports = []
     for index, motor in enumerate(link.motors):
-        detail = _energised(link, index, began_ns)
-        failure = failures.get(index, "") or written.get(index, "")
+        detail = energised(index)
+        failure = failures.get(index, "") or written[index]
+        is_written = not failures.get(index, "") or not written[index]
+        answered = link.stamp_ns[index] > began_ns
         reports.append(
-            MotorReport(
-                motor.key,
-                motor.id,
-                not failure or not written.get(index, ""),
-                link.stamp_ns[index] > began_ns,
-                not detail,
-                failure or detail if detail else "",
-            )
+            MotorReport(motor.key, motor.id, is_written, answered, not detail, detail and (failure or detail))
         )
     return tuple(reports)
-
-
-def _energised(link: Link, index: int, since_ns: int) -> str:
-    """Return why a motor may have torque; empty if its feedback since a time shows that it has none."""
-    if link.stamp_ns[index] < since_ns + AFTER_S * NS:
-        return "silent"
-    return "still energised" if link.feedback[index].state is State.ENABLED else ""

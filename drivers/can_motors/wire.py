@@ -26,11 +26,8 @@ from .can_port import OpenPort
 from .config import CanConfig
 from .link import Addressed, Link, failed
 from .protocol import TICKS_PER_S, Command, Ranges, State
-from .stopping import PERIOD_S, bring_down
+from .stopping import PERIOD_S, TIMEOUT_S, bring_down
 
-TIMEOUT_S = 0.2
-"""Time without a command after which a motor switches its torque off. The processes of the robot notice a fault
-much earlier, and damp the arm. This is the last line: an arm without torque falls."""
 ANSWER_S = 0.02
 """A motor that has not answered after this time is asked again."""
 ATTEMPTS = 5

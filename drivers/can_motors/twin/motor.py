@@ -24,6 +24,7 @@ from strands_actors.drivers.common.twin.faults import Fault
 from strands_actors.drivers.common.twin.modelled import Modelled
 
 WRONG_RAD = 1.0
+ZERO = 0xFE
 ROOM_C = 28.0
 
 
@@ -62,6 +63,8 @@ class SimMotor(ABC):
         self.said = ""
         """The state to which the last command has brought this motor: setpoint or a safe state."""
         self._plant = plant
+        self.zero_rad = 0.0
+        """Position of the motor that it counts as 0."""
         self._frozen: tuple[float, float, float] | None = None
 
     @abstractmethod
@@ -118,7 +121,7 @@ class SimMotor(ABC):
         wrong = WRONG_RAD if self.fault is Fault.WRONG else 0.0
         nm = plant.effort_nm[self.index] if self.state is State.ENABLED else 0.0
         rad, rad_s = plant.position_rad[self.index], plant.velocity_rad_s[self.index]
-        return motor.sign * rad + motor.offset + wrong, motor.sign * rad_s, motor.sign * nm
+        return motor.sign * rad + motor.offset - self.zero_rad + wrong, motor.sign * rad_s, motor.sign * nm
 
     def codes(self, bits: int) -> tuple[int, int, int]:
         ranges = self.ranges
@@ -139,7 +142,7 @@ class SimMotor(ABC):
         if self.state is State.ENABLED:
             self._plant.drive(
                 self.index,
-                sign * (from_code(q, -ranges.position, ranges.position, 16) - self.motor.offset),
+                sign * (from_code(q, -ranges.position, ranges.position, 16) + self.zero_rad - self.motor.offset),
                 sign * speed * from_code(dq, -ranges.velocity, ranges.velocity, bits),
                 0.0 if nothing else sign * from_code(tau, -ranges.torque, ranges.torque, bits),
                 stiffness,
@@ -162,7 +165,7 @@ DAMIAO_COMMANDS: Modelled[int] = Modelled(
         Damiao.ENABLE: "switches the torque on, unless a fault is latched",
         Damiao.DISABLE: "switches the torque off",
         Damiao.CLEAR: "clears a latched fault",
-        0xFE: "makes the present position the zero: here it only answers, as the joint keeps its place",
+        ZERO: "makes the present position the zero of the motor",
     },
     "it counts as a command in MIT mode, as every frame with the motor's id",
 )
@@ -247,6 +250,9 @@ class SimDamiao(SimMotor):
                 self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
             elif data[7] == Damiao.CLEAR:
                 self.switch(State.DISABLED if self.state is not State.ENABLED else self.state)
+                kind = "config"
+            elif data[7] == ZERO:
+                self.zero_rad += self.reading()[0]
                 kind = "config"
         else:
             kind, said = self.drive(*mit_numbers(data), Damiao.BITS)

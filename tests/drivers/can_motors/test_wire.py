@@ -12,7 +12,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.can_motors.protocol import Damiao, Frame, State
-from strands_actors.drivers.can_motors.wire import LOST_S, TIMEOUT_S
+from strands_actors.drivers.can_motors.stopping import TIMEOUT_S
+from strands_actors.drivers.can_motors.wire import LOST_S
 from strands_actors.drivers.common.twin.faults import Fault
 from tests.drivers.common.memory_port import Permission, virtual
 
@@ -231,7 +232,7 @@ def test_frames_of_others_on_the_bus_are_ignored() -> None:
         for frame in (Frame(0x55, bytes(8)), Frame(0x11, b""), Frame(0x020005FD, bytes(8), True)):
             index = link._index.get((0, frame.id))
             if index is not None:
-                link._take(index, frame)
+                link._take(index, frame, 0)
         assert link.feedback == before
         assert Damiao.ENABLE == 0xFC
 
