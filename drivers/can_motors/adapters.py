@@ -18,7 +18,7 @@ EXTENDED: Final = 0x8000_0000
 """Flag of the kernel in the id of an extended frame. The next two bits mark frames without data, and errors."""
 _KERNEL: Final = struct.Struct("=IB3x8s")
 LONGEST: Final = 64
-"""More bytes than the longest frame of any adapter has. What is longer and has no end is dropped."""
+"""More bytes than the longest frame of any adapter has. A longer frame without an end is dropped."""
 
 
 class Adapter(Protocol):

@@ -91,7 +91,9 @@ class CanSocket:
 
 
 def open_interface(name: str) -> CanSocket:
-    """Open a CAN interface of the kernel. Raise ``WireDown`` if there is none of this name, or if it is down."""
+    """Open a CAN interface of the kernel. Raise ``WireDown`` if it does not exist, or if it is down."""
+    if not hasattr(socket, "AF_CAN"):
+        raise WireDown(f"{name}: this system has no CAN interfaces. Use an adapter at a serial port")
     try:
         sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         try:

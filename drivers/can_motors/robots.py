@@ -128,7 +128,7 @@ class Arm(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The axes: each arm with its gripper as a part of its own."""
+        """The axes: arms and grippers, each a separate part."""
         parts: list[tuple[PartKind, list[Axis]]] = []
         for motor in self.motors:
             kind = PartKind.GRIPPER if motor.key.endswith(GRIPPER) else PartKind.ARM

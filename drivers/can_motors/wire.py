@@ -1,6 +1,6 @@
 """Connect the wire process (the only writer to the robot) to an arm of CAN motors, and command its joints.
 
-The motors keep their last command, and switch their torque off if none comes for ``TIMEOUT_S``. So while the arm
+The motors keep their last command, and switch their torque off ``TIMEOUT_S`` after it. So while the arm
 holds, ``feed`` repeats the hold, and it is called only while the processes of the robot work.
 """
 
@@ -28,9 +28,9 @@ from .link import Addressed, Link, failed
 from .protocol import TICKS_PER_S, Command, Ranges, State
 from .stopping import PERIOD_S, TIMEOUT_S, bring_down
 
-ANSWER_S = 0.02
+ANSWER_S = 0.03
 """A motor that has not answered after this time is asked again."""
-ATTEMPTS = 5
+ATTEMPTS = 8
 IDLE_S = 0.02
 """After this time without a command, and after two control periods at least, the motors are asked."""
 LOST_S = 0.3
