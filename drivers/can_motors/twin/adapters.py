@@ -32,8 +32,8 @@ class AnyAdapter:
         self._rest = b""
 
     def frames(self, data: bytes) -> Iterator[tuple[bytes, Frame | None, bytes]]:
-        """Take received bytes. Yield the bytes of each message, its frame (None if it has none), and the adapter's
-        own answer."""
+        """Take received bytes. Yield the bytes of each message, its frame (None for another message), and the
+        adapter's own answer."""
         if self._fixed:
             for received in SocketCan().feed(data):
                 yield SocketCan().encode(received), received, b""
@@ -48,7 +48,7 @@ class AnyAdapter:
         self._rest = data[-LONGEST:]
 
     def _next(self, data: bytes) -> tuple[int, Frame | None, bytes]:
-        """Return the length of the first message, its frame and the answer. Length 0: it is incomplete."""
+        """Return the length of the first message (0 if it is incomplete), its frame and the answer."""
         if data[:1] == b"\x55":
             if len(data) < _TO.size:
                 return 0, None, b""

@@ -29,7 +29,13 @@ ROOM_C = 28.0
 
 
 class Done(NamedTuple):
-    """What a motor made of a frame: its kind for the log, the state to which it brings this motor, the answers."""
+    """The effect of a frame on a motor.
+
+    Attributes:
+        kind: The kind of the frame, for the log.
+        state: The state to which it brings the motor.
+        replies: The answers.
+    """
 
     kind: str
     state: str
@@ -37,7 +43,7 @@ class Done(NamedTuple):
 
 
 class MitPlant(Plant):
-    """A simulated arm whose joints may also be driven in MIT mode."""
+    """A simulated arm with joints that may also be driven in MIT mode."""
 
     def drive(self, index: int, q: float, dq: float, tau: float, kp: float, kd: float) -> None:
         """Set the command of a joint: the torque ``kp (q - position) + kd (dq - velocity) + tau``."""

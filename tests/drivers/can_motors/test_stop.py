@@ -1,4 +1,4 @@
-"""The stops of an arm of CAN motors: what the bus shows, and what is confirmed."""
+"""The frames of each stop of an arm of CAN motors, and the confirmation of the stop."""
 
 from __future__ import annotations
 
