@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from strands_actors.drivers.can_motors.driver import CanMotors
+from strands_actors.drivers.can_motors.stop_channel import CanStopChannel
 from tests.drivers.can_motors import rig
 
 from .bench import Bench, Log, Rig, on_bench
@@ -19,15 +20,13 @@ def _arm(robot: str) -> Callable[[HostilePeer], Bench]:
         def open_port(path: str, baud: int) -> Any:
             return HostileStream(peer, made.open_port(path, baud))
 
-        config, clock = made.driver.config, made.clock
-        made.wire._open_port = open_port
+        config = made.driver.config
         driver: CanMotors = made.driver
         on_bench(
             driver,
             lambda clock: type(made.wire)(config, clock, open_port),
-            lambda clock: rig.CanStopChannel(config, (), clock, open_port),
+            lambda clock: CanStopChannel(config, (), clock, open_port),
         )
-        assert clock is not None
 
         def log() -> Log:
             return [(at_s, kind) for at_s, kind, _ in made.notes]

@@ -85,14 +85,18 @@ def test_the_twin_switches_its_motors_off_after_their_timeout(tmp_path: Path) ->
         robot.handle(0, frame)
     now[0] = 0.15
     robot.handle(0, codec.ask())
+
+    def state() -> State:
+        robot.pass_time()
+        return robot.motors[1].state
+
     now[0] = 0.3
-    robot.pass_time()
-    assert robot.motors[1].state is State.ENABLED, "every frame to the motor counts"
+    assert state() is State.ENABLED, "every frame to the motor counts"
     now[0] = 0.4
-    robot.pass_time()
-    assert robot.motors[1].state is State.LOST_COMMUNICATION
+    lost = State.LOST_COMMUNICATION
+    assert state() is lost
     robot.handle(0, codec.enable())
-    assert robot.motors[1].state is State.LOST_COMMUNICATION, "a latched fault must be cleared first"
+    assert state() is lost, "a latched fault must be cleared first"
     robot.handle(0, codec.clear())
     robot.handle(0, codec.enable())
-    assert robot.motors[1].state is State.ENABLED
+    assert state() is State.ENABLED

@@ -139,7 +139,7 @@ def test_a_latched_fault_is_cleared_when_the_robot_is_armed() -> None:
         rig = Rig()
         await rig.wire.open()
         rig.robot.motor("joint_2").switch(State.LOST_COMMUNICATION)
-        assert (await rig.wire.read(), await rig.rest(0.1))[0] is not None
+        await rig.rest(0.1)
         assert (await rig.wire.read()).faults == {"joint_2": "lost communication"}
         await rig.wire.arm(Permission())
         assert rig.states() == {State.ENABLED}
