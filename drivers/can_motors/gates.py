@@ -48,7 +48,7 @@ def conditions(arm: Arm, state_ttl_s: float) -> tuple[Condition, ...]:
         Condition(energised(arm), safe_state=SafeState.DAMP, always=True, on_resume=OnResume.ARM_ANEW),
         Condition(cool(arm), safe_state=SafeState.DAMP, always=True),
         Condition(
-            heard(arm, state_ttl_s),
+            answering(arm, state_ttl_s),
             reason=Reason.FAULT,
             safe_state=SafeState.DAMP if damps else SafeState.HOLD,
             always=damps,
@@ -84,16 +84,16 @@ def cool(arm: Arm) -> ConditionCheck:
     return cool
 
 
-def heard(arm: Arm, ttl_s: float) -> ConditionCheck:
+def answering(arm: Arm, ttl_s: float) -> ConditionCheck:
     ttl_ns = round(ttl_s * NS)
 
-    def heard(observation: Observation, now_ns: int) -> Refused | None:
+    def answering(observation: Observation, now_ns: int) -> Refused | None:
         for motor, stamp_ns, position in zip(arm.motors, observation.stamp_ns, observation.position, strict=True):
             if now_ns - stamp_ns > ttl_ns or not math.isfinite(position):
                 return refusals.silent_motor(motor.key, motor.id, (now_ns - stamp_ns) / 1e6, ttl_s * 1e3)
         return None
 
-    return heard
+    return answering
 
 
 def table_gains(arm: Arm) -> GateCheck:

@@ -165,9 +165,9 @@ class CanWire(PromptSessionWire[CanSession]):
             return unread
         for index, (motor, own) in enumerate(zip(link.motors, numbers, strict=True)):
             if own:
-                found = (link.parameters[index, number].real for number in own)
+                reported = (link.parameters[index, number].real for number in own)
                 usual = motor.type.ranges
-                position, velocity, torque = found
+                position, velocity, torque = reported
                 link.codecs[index] = motor.codec(Ranges(position, velocity, torque, usual.kp, usual.kd))
         return []
 

@@ -79,9 +79,11 @@ class CanRobot:
 
     def pass_time(self) -> None:
         now_s = self.now_s()
-        due = [(at, motor) for motor in self.motors if (at := motor.overdue_s()) is not None and at <= now_s]
-        for at, motor in sorted(due, key=lambda each: each[0]):
-            self.plant.catch_up(at)
+        due = [
+            (end_s, motor) for motor in self.motors if (end_s := motor.overdue_s()) is not None and end_s <= now_s
+        ]
+        for end_s, motor in sorted(due, key=lambda each: each[0]):
+            self.plant.catch_up(end_s)
             motor.switch(State.LOST_COMMUNICATION)
         self.plant.catch_up(now_s)
 
@@ -99,7 +101,7 @@ class CanRobot:
                 kind = done.kind
                 replies += ((motor.unit, reply) for reply in done.replies)
         if kind == "safe":
-            states = {motor.said for motor in self.motors if motor.fault is not Fault.OFF}
+            states = {motor.commanded for motor in self.motors if motor.fault is not Fault.OFF}
             safe_state = states.pop() if len(states) == 1 else ""
         return kind, safe_state, replies
 

@@ -66,7 +66,7 @@ class SimMotor(ABC):
         self.parameters: dict[int, bytes] = self.fresh()
         self.last_s = 0.0
         """Time of the last frame that resets the timeout."""
-        self.said = ""
+        self.commanded = ""
         """The state to which the last command has brought this motor: setpoint or a safe state."""
         self._plant = plant
         self.zero_rad = 0.0
@@ -155,14 +155,14 @@ class SimMotor(ABC):
                 braking,
             )
         if kp == 0 and nothing and not speed:
-            self.said = SafeState.DAMP if kd else SafeState.ZERO_TORQUE
+            self.commanded = SafeState.DAMP if kd else SafeState.ZERO_TORQUE
         else:
-            self.said = SafeState.HOLD if held else "setpoint"
-        return ("setpoint" if self.said == "setpoint" else "safe"), self.said
+            self.commanded = SafeState.HOLD if held else "setpoint"
+        return ("setpoint" if self.commanded == "setpoint" else "safe"), self.commanded
 
     def limp(self) -> tuple[str, str]:
-        self.said = SafeState.LIMP
-        return "safe", self.said
+        self.commanded = SafeState.LIMP
+        return "safe", self.commanded
 
 
 DAMIAO_COMMANDS: Modelled[int] = Modelled(
@@ -245,14 +245,14 @@ class SimDamiao(SimMotor):
             return self._parameter(data) if int.from_bytes(data[:2], "little") == self.motor.id else None
         if frame.id != self.motor.id:
             return None
-        kind, said = "other", ""
+        kind, commanded = "other", ""
         if data[:7] == b"\xff" * 7 and data[7] in DAMIAO_COMMANDS:
             if data[7] == Damiao.ENABLE:
                 kind = "enable"
                 if self.state is State.DISABLED:
                     self.switch(State.ENABLED)
             elif data[7] == Damiao.DISABLE:
-                kind, said = self.limp()
+                kind, commanded = self.limp()
                 self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
             elif data[7] == Damiao.CLEAR:
                 self.switch(State.DISABLED if self.state is not State.ENABLED else self.state)
@@ -261,8 +261,8 @@ class SimDamiao(SimMotor):
                 self.zero_rad += self.reading()[0]
                 kind = "config"
         else:
-            kind, said = self.drive(*mit_numbers(data), Damiao.BITS)
-        return Done(kind, said, (self._feedback(),))
+            kind, commanded = self.drive(*mit_numbers(data), Damiao.BITS)
+        return Done(kind, commanded, (self._feedback(),))
 
     def _parameter(self, data: bytes) -> Done:
         code, number = data[2], data[3]
@@ -303,11 +303,11 @@ class SimRobStride(SimMotor):
         if self.speaks_mit:
             return self._receive_mit(frame.data)
         kind, data = frame.id >> 24, frame.data
-        said = ""
+        commanded = ""
         match kind:
             case RobStride.COMMAND:
                 q, dq, kp, kd = struct.unpack(">HHHH", data)
-                label, said = self.drive(q, dq, frame.id >> 8 & 0xFFFF, kp, kd, RobStride.BITS)
+                label, commanded = self.drive(q, dq, frame.id >> 8 & 0xFFFF, kp, kd, RobStride.BITS)
             case RobStride.ENABLE:
                 label = "enable"
                 if self.state is State.DISABLED:
@@ -316,7 +316,7 @@ class SimRobStride(SimMotor):
                 label = "config"
                 self.switch(State.DISABLED)
             case RobStride.DISABLE:
-                label, said = self.limp()
+                label, commanded = self.limp()
                 self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
             case RobStride.READ:
                 return self._read(frame, int.from_bytes(data[:2], "little"))
@@ -334,28 +334,28 @@ class SimRobStride(SimMotor):
                 return Done("read", "", (Frame(self.motor.id << 8 | 0xFE, uid, True),))
             case _:
                 return Done("other", "")
-        return Done(label, said, (self._feedback(),))
+        return Done(label, commanded, (self._feedback(),))
 
     def _receive_mit(self, data: bytes) -> Done:
         """Carry out a frame of the MIT protocol: that of Damiao's motors, without registers."""
-        kind, said = "other", ""
+        kind, commanded = "other", ""
         if data[:7] == b"\xff" * 7 and data[7] in ROBSTRIDE_MIT:
             if data[7] == Damiao.ENABLE:
                 kind = "enable"
                 if self.state is State.DISABLED:
                     self.switch(State.ENABLED)
             elif data[7] == Damiao.DISABLE:
-                kind, said = self.limp()
+                kind, commanded = self.limp()
                 self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
             else:
                 kind = "read"
                 self.switch(self.state if self.state is State.ENABLED else State.DISABLED)
         elif data[:6] != b"\xff" * 6:
-            kind, said = self.drive(*mit_numbers(data), Damiao.BITS)
+            kind, commanded = self.drive(*mit_numbers(data), Damiao.BITS)
         q, dq, tau = self.codes(Damiao.BITS)
         middle = (q << 24 | dq << 12 | tau).to_bytes(5, "big")
         tenths = round(self.temperature_c * 10).to_bytes(2, "big")
-        return Done(kind, said, (Frame(HOST, bytes((self.motor.id,)) + middle + tenths),))
+        return Done(kind, commanded, (Frame(HOST, bytes((self.motor.id,)) + middle + tenths),))
 
     def _read(self, frame: Frame, number: int) -> Done:
         q, dq, _ = self.reading()
