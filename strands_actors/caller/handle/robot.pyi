@@ -1342,11 +1342,13 @@ def Robot(
     name: CanMotorsName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
-    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
-    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
-    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, side: Literal["left", "right"] = "right",
+    table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
 ) -> SimulatedCanMotors: ...
 @overload
 def Robot(
@@ -1861,11 +1863,13 @@ def open_robot(
     name: CanMotorsName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
-    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
-    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
-    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, side: Literal["left", "right"] = "right",
+    table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCanMotors]: ...
 @overload
 def open_robot(
