@@ -57,6 +57,7 @@ __all__ = [
     "model_of",
     "port_kind",
     "register_native_driver",
+    "register_own_table",
     "register_robot",
     "resolve_driver",
 ]
@@ -70,6 +71,7 @@ WIRES = {
     "franka": "strands_actors.drivers.franka.driver:Franka",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
+    "can_motors": "strands_actors.drivers.can_motors.driver:CanMotors",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "rby1": "strands_actors.drivers.rby1.driver:RBY1",
@@ -85,6 +87,9 @@ WIRES = {
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
 """Name of a wire protocol to the location of its driver class. Each class supports one or several robots."""
+
+OWN_TABLES = {"table": "can_motors"}
+"""Keyword with the table of a user's own robot, to the wire that reads it. Such a robot may have any name."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
@@ -121,7 +126,7 @@ OTHER_ROBOTS = (
     "arx_l5", "asimov_v0", "cassie", "dynamixel_2r", "elf2", "fourier_n1", "go1", "google_robot", "jvrc",
     "leap_hand", "mujoco_humanoid", "op3", "piper", "robot_soccer_kit", "sawyer", "shadow_dexee", "shadow_hand",
     "skydio_x2", "talos", "tiago_dual", "toddlerbot_2xc", "toddlerbot_2xm", "trossen_wxai", "unitree_a1", "vx300s",
-    "wx250s", "yam", "z1",
+    "wx250s", "z1",
 )  # fmt: skip
 """Robots that strands-robots knows by name, without a hardware driver anywhere. After
 ``register_robot(name, model_xml=...)`` such a robot can be simulated."""
@@ -303,6 +308,19 @@ def register_robot(
         driver, None if model_xml is None else os.path.abspath(os.path.expanduser(model_xml))
     )
     _aliases.update(dict.fromkeys(names[1:], robot))
+
+
+def register_own_table(name: str, keywords: Mapping[str, Any]) -> None:
+    """Register a robot of a new name, if a keyword of ``OWN_TABLES`` describes it.
+
+    Args:
+        name: Name of the robot. A known name keeps its driver.
+        keywords: The keywords of ``Robot``.
+    """
+    wire = next((wire for keyword, wire in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
+    if wire is not None and name not in list_driver_coverage():
+        register_robot(name, hardware={"driver": NATIVE_DRIVER})
+        register_native_driver(name, load(WIRES[wire]))
 
 
 def canonical_name(name: str) -> str:

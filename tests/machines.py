@@ -1,9 +1,9 @@
 """Leave out the tests that this machine cannot run, and list their names at the end of the run.
 
-``@pytest.mark.needs("ur-rtde")`` names a package of ``pyproject.toml`` or a program of ``PROGRAMS``. The
-test is left out only where the machine cannot have it: the package's marker excludes this Python or
-processor, or the program is not installed. A package that should be installed but is missing fails its
-test.
+``@pytest.mark.needs("ur-rtde")`` names a package of ``pyproject.toml``, a program of ``PROGRAMS``, or
+``vcan``. The test is left out only where the machine cannot have it: the package's marker excludes this
+Python or processor, the program is not installed, or the kernel has no virtual CAN buses. A package that
+should be installed but is missing fails its test.
 
 ``@pytest.mark.long_beside("ur-rtde")`` makes a test long (``tests/long.py``) where the package is
 available, because a quicker test that needs the package runs there. Elsewhere it runs as a quick test.
@@ -12,6 +12,7 @@ available, because a quicker test that needs the package runs there. Elsewhere i
 from __future__ import annotations
 
 import shutil
+import subprocess
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -22,6 +23,8 @@ from packaging.requirements import Requirement
 
 PROGRAMS = {"Node.js": "node", "systemd": "systemd-analyze"}
 """Name of the program: its command."""
+VCAN = ("unshare", "-rn", "ip", "link", "add", "type", "vcan")
+"""Makes a virtual CAN bus in a network namespace, which ends with the command."""
 LIST = "left_out"
 
 _left_out = pytest.StashKey[list[str]]()
@@ -36,12 +39,18 @@ def why_not(name: str) -> str:
     """
     if name in PROGRAMS:
         return "" if shutil.which(PROGRAMS[name]) else f"{name} is not installed"
+    if name == "vcan":
+        return "" if _succeeds(VCAN) else "the kernel has no virtual CAN buses, or this user may not make one"
     markers = [requirement.marker for requirement in _requirements() if requirement.name == name]
     if not markers:
         raise ValueError(f"{name} is no package of pyproject.toml and no program. Use one of them")
     if any(marker is None or marker.evaluate() for marker in markers):
         return ""
     return f"{name} is only for {' or '.join(map(str, markers))}"
+
+
+def _succeeds(command: tuple[str, ...]) -> bool:
+    return shutil.which(command[0]) is not None and subprocess.run(command, capture_output=True).returncode == 0
 
 
 def _requirements() -> Iterator[Requirement]:

@@ -31,6 +31,7 @@ GOOD = {
     "franka": ("192.0.2.10", "robot.lab.example"),
     "robotiq": ("192.0.2.10", "192.0.2.10:502", "/dev/ttyUSB0"),
     "xarm": ("192.0.2.10", "xarm_7"),
+    "can_motors": ("can0", "vcan_left", "/dev/ttyACM0"),
     "kuka": ("192.0.2.10", "192.0.2.10:30200", ""),
     "kinova": ("192.0.2.10",),
     "rby1": ("192.0.2.10:50051", "rby1."),

@@ -15,10 +15,21 @@ from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.common.twin.modelled import tables_of
 from strands_actors.drivers.ur.twin import commands as c
 from strands_actors.drivers.ur.twin.requests import COMMANDS, FUNCTIONS
-from tests.drivers.modelled import arms, dds, fri, grpc_services, http_services, mobile, ur, ur_programs, ur_rtde
+from tests.drivers.modelled import (
+    arms,
+    can_motors,
+    dds,
+    fri,
+    grpc_services,
+    http_services,
+    mobile,
+    ur,
+    ur_programs,
+    ur_rtde,
+)
 from tests.drivers.modelled.walk import Walk, fingerprint
 
-ROOMS = (arms, dds, fri, grpc_services, http_services, mobile, ur, ur_programs, ur_rtde)
+ROOMS = (arms, can_motors, dds, fri, grpc_services, http_services, mobile, ur, ur_programs, ur_rtde)
 WALKS = [walk for room in ROOMS for walk in room.walks()]
 WALKED = pytest.mark.parametrize("walk", WALKS, ids=lambda walk: walk.name)
 

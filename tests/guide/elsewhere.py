@@ -57,6 +57,7 @@ PAGES: Mapping[str, Blocks] = {
     ),
     "docs/versioning.md": Blocks(How.AS_WRITTEN, {1: "a part of a function that is deprecated"}),
     "docs/robots/booster.md": Blocks(How.ON_TWINS),
+    "docs/robots/can_motors.md": Blocks(How.ON_TWINS),
     "docs/robots/crazyflie.md": Blocks(How.ON_TWINS),
     "docs/robots/earthrover.md": Blocks(How.ON_TWINS, {2: "needs the robot's own program at port 8000"}),
     "docs/robots/franka.md": Blocks(How.ON_TWINS),

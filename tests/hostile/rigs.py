@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from . import (
+    rigs_can,
     rigs_dds,
     rigs_franka,
     rigs_grpc,
@@ -25,6 +26,7 @@ RIGS: Mapping[str, Rig] = {
     **rigs_tcp.RIGS,
     **rigs_grpc.RIGS,
     **rigs_serial.RIGS,
+    **rigs_can.RIGS,
     **rigs_radio.RIGS,
     **rigs_web.RIGS,
     **rigs_json.RIGS,

@@ -27,7 +27,7 @@ from .test_imports import ROOT
 ALWAYS = ("resume", "connect_eagerly")
 PAGE = ROOT / "docs" / "safety-faults.md"
 SENTENCE = re.compile(r"[A-Z].{15,}\.")
-TITLES = {"kuka": "KUKA", "rby1": "RB-Y1", "ur": "UR", "unitree_g1": "Unitree"}
+TITLES = {"can_motors": "CAN motors", "kuka": "KUKA", "rby1": "RB-Y1", "ur": "UR", "unitree_g1": "Unitree"}
 """Name of a wire in the table of the page, where it differs from the wire's name."""
 
 

@@ -136,6 +136,8 @@ ROWS = [
     few("so101", "connect_eagerly"),
     few("koch", "resume"),
     few("koch", "connect_eagerly"),
+    few("openarm", "resume", **_ENABLED),
+    few("openarm", "connect_eagerly", **_ENABLED),
     few("xarm7", "resume", queue_s=0.05, quick=("wire",)),
     few("xarm7", "connect_eagerly"),
     few("robotiq_2f85", "resume", queue_s=0.05, **_ENABLED, **_UNARMED),

@@ -27,7 +27,7 @@ class Version(NamedTuple):
 
 VERSIONS = (
     Version("0.4.4", "3.11", "feetech,dynamixel,smolvla"),
-    Version("0.6.1", "3.12", "core-scripts,training,feetech,dynamixel,smolvla"),
+    Version("0.6.1", "3.12", "core-scripts,training,feetech,dynamixel,smolvla,openarms,robstride,rebot"),
 )
 """The versions that were tried, the oldest first. The bounds of the distributions are the first and the last."""
 

@@ -50,6 +50,7 @@ WIRES = {
     "earthrover": ("stop.py",),
     "franka": ("stop_channel.py",),
     "kinova": ("stopping.py", "stop_channel.py"),
+    "can_motors": ("stop_channel.py", "stopping.py"),
     "kuka": ("stop_channel.py", "link.py"),
     "microduck": ("stop.py",),
     "plain": ("stop_channel.py",),

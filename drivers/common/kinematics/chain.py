@@ -16,6 +16,8 @@ from .link_rows import Row, numbers, parse_rows
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 
+G_M_S2 = 9.81
+
 _UNTURNED: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -26,6 +28,8 @@ class _Link(NamedTuple):
     joint: int | None  # index of the joint that turns the link; None if it is fixed
     axis: Vector
     end: Vector  # the far end of the link, in the link's own frame
+    kg: float
+    com: Vector  # the centre of the link's mass, in the link's own frame
 
 
 class Chain:
@@ -48,6 +52,8 @@ class Chain:
                 joint=joints.index(row.joint) if row.joint in joints else None,
                 axis=row.axis,
                 end=_end(row, rows),
+                kg=row.kg,
+                com=_vector(row.com or (0.0, 0.0, 0.0)),
             )
             for row in rows
         )
@@ -72,6 +78,32 @@ class Chain:
             KeyError: The arm has no such link.
         """
         return self._frames(rad)[self._index[body]]
+
+    def gravity_nm(self, rad: Sequence[float]) -> list[float]:
+        """Return the torque of each joint that carries the arm against gravity, in Nm. Every joint must turn.
+
+        Args:
+            rad: The angle of each joint, in radians.
+        """
+        frames = self._frames(rad)
+        masses = [link.kg for link in self._links]
+        # The sum of mass times place, over a link and all that it carries. A link comes after its parent.
+        moments = [
+            _scaled(link.kg, add(place, turned(turn, link.com)))
+            for link, (place, turn) in zip(self._links, frames, strict=True)
+        ]
+        torques = [0.0] * len(rad)
+        for number in reversed(range(len(self._links))):
+            link, (place, turn), mass = self._links[number], frames[number], masses[number]
+            if link.joint is not None:
+                x, y, _ = turned(turn, link.axis)
+                torques[link.joint] = G_M_S2 * (
+                    x * (moments[number][1] - mass * place[1]) - y * (moments[number][0] - mass * place[0])
+                )
+            if link.parent >= 0:
+                masses[link.parent] += mass
+                moments[link.parent] = add(moments[link.parent], moments[number])
+        return torques
 
     def _frames(self, rad: Sequence[float]) -> list[tuple[Vector, Matrix]]:
         frames: list[tuple[Vector, Matrix]] = []
@@ -107,6 +139,10 @@ def _vector(values: Sequence[float]) -> Vector:
 
 def add(first: Vector, second: Vector) -> Vector:
     return first[0] + second[0], first[1] + second[1], first[2] + second[2]
+
+
+def _scaled(factor: float, vector: Vector) -> Vector:
+    return factor * vector[0], factor * vector[1], factor * vector[2]
 
 
 def turned(turn: Matrix, vector: Vector) -> Vector:

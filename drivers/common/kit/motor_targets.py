@@ -20,6 +20,7 @@ from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.refusals import empty_action, not_finite, unknown_joint
 from strands_actors.contract.shown import SHOWN
 from strands_actors.drivers.common.kit import refusals
+from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
 ROWS = ("q", "dq", "tau", "kp", "kd")
@@ -177,13 +178,14 @@ def _spellings(key: str) -> tuple[str, ...]:
 # -- gates
 
 
-def target_gates(model: Motors, control_s: float, plans_motion: bool) -> tuple[GateCheck, ...]:
+def target_gates(model: Motors, control_s: float, plans_motion: bool, late_s: float = 0.0) -> tuple[GateCheck, ...]:
     """Return the checks of a target, in their order. If several checks refuse, the first refusal is reported.
 
     Args:
         model: The motors.
         control_s: The period of the control loop.
         plans_motion: As for ``too_fast``.
+        late_s: As for ``steps``.
     """
     in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
     return (
@@ -192,7 +194,7 @@ def target_gates(model: Motors, control_s: float, plans_motion: bool) -> tuple[G
         within(model, DQ),
         within(model, TAU),
         gains(model),
-        steps(model, control_s, plans_motion),
+        steps(model, control_s, plans_motion, late_s),
     )
 
 
@@ -268,11 +270,18 @@ def gains(model: Motors) -> GateCheck:
     return gains
 
 
-def steps(model: Motors, control_s: float, plans_motion: bool) -> GateCheck:
+def steps(model: Motors, control_s: float, plans_motion: bool, late_s: float = 0.0) -> GateCheck:
     """Refuse a step from the last target that is longer than the joint turns in one period of the stream.
 
     A single command may step as far as the joint turns in one period of the control loop, because a motor would
     drive to a far target at full force. The first step counts from the measured position.
+
+    Args:
+        model: The motors.
+        control_s: The period of the control loop.
+        plans_motion: As for ``too_fast``.
+        late_s: A setpoint of a stream that comes late may step as far as the joint turns since the last one, but
+            at most as far as in this time.
     """
     count = len(model.joints)
     from_target = too_fast(
@@ -287,6 +296,9 @@ def steps(model: Motors, control_s: float, plans_motion: bool) -> GateCheck:
         # No target was accepted since the robot was armed, so the step starts at the measured position.
         if len(state.target) == count:
             state = replace(state, target=state.observation.position)
+        if late_s and state.stream:
+            pause_s = min(late_s, (state.now_ns - state.target_ns) / NS)
+            state = replace(state, period_s=max(state.period_s, pause_s))
         return from_target(candidate, state)
 
     return steps

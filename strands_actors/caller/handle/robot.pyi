@@ -22,6 +22,10 @@ from .sim_robot import SimRobot as SimRobot
 # -- names of robots, by their driver
 
 BoosterName: TypeAlias = Literal["booster_t1", "booster"]
+CanMotorsName: TypeAlias = Literal[
+    "bi_openarm", "openarm", "rebot_b601", "yam", "bi_openarm_follower", "open_arm", "openarm_bimanual",
+    "openarm_follower", "rebot_b601_follower"
+]
 CrazyflieName: TypeAlias = Literal["crazyflie", "bitcraze_crazyflie", "cf2"]
 DynamixelName: TypeAlias = Literal["koch", "koch_follower", "koch_v1_1", "low_cost_robot_arm"]
 EarthRoverName: TypeAlias = Literal["earthrover", "earth_rover", "earthrover_mini_plus", "frodobots"]
@@ -57,9 +61,8 @@ URName: TypeAlias = Literal[
 XArmName: TypeAlias = Literal["xarm7", "ufactory_xarm7", "xarm"]
 YahboomM3ProName: TypeAlias = Literal["yahboom_m3pro", "m3pro", "rosmaster_m3pro", "yahboom_rosmaster_m3_pro"]
 LeRobotName: TypeAlias = Literal[
-    "bi_openarm", "bi_openarm_follower", "bi_rebot_b601", "bi_rebot_b601_follower", "bi_so100", "bi_so101",
-    "bi_so_follower", "hope_jr_hand", "lekiwi", "lekiwi_client", "omx", "omx_follower", "openarm",
-    "openarm_follower", "reachy2", "rebot_b601", "rebot_b601_follower"
+    "bi_rebot_b601", "bi_rebot_b601_follower", "bi_so100", "bi_so101", "bi_so_follower", "hope_jr_hand", "lekiwi",
+    "lekiwi_client", "omx", "omx_follower", "reachy2"
 ]
 
 # -- handles with the services of one driver
@@ -108,6 +111,30 @@ class SimulatedBooster(SimRobot):
 class AsyncSimulatedBooster(AsyncSimulation):
     async def sensors(self) -> Answer: ...
     async def status(self) -> Answer: ...
+
+@type_check_only
+class CanMotors(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+
+@type_check_only
+class AsyncCanMotors(AsyncRobot):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+
+@type_check_only
+class SimulatedCanMotors(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+
+@type_check_only
+class AsyncSimulatedCanMotors(AsyncSimulation):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
 
 @type_check_only
 class Crazyflie(RealRobot):
@@ -1050,6 +1077,20 @@ def Robot(
 ) -> Booster: ...
 @overload
 def Robot(
+    name: CanMotorsName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    adapter: Literal["slcan", "damiao", "robstride"] | None = None, baud: int = 921600,
+    side: Literal["left", "right"] = "right", control_frequency: float = 250.0, gravity_compensation: bool = False,
+    gains_in_actions: bool = False, on_exit: Literal["lower", "damp", "limp", "zero_torque"] | None = None,
+    lower_s: float = 12.0, table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+) -> CanMotors: ...
+@overload
+def Robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
     sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
@@ -1298,6 +1339,19 @@ def Robot(
 ) -> SimulatedBooster: ...
 @overload
 def Robot(
+    name: CanMotorsName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, side: Literal["left", "right"] = "right",
+    table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+) -> SimulatedCanMotors: ...
+@overload
+def Robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
@@ -1542,6 +1596,20 @@ def open_robot(
     robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
     network_interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncBooster]: ...
+@overload
+def open_robot(
+    name: CanMotorsName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    adapter: Literal["slcan", "damiao", "robstride"] | None = None, baud: int = 921600,
+    side: Literal["left", "right"] = "right", control_frequency: float = 250.0, gravity_compensation: bool = False,
+    gains_in_actions: bool = False, on_exit: Literal["lower", "damp", "limp", "zero_torque"] | None = None,
+    lower_s: float = 12.0, table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+) -> AbstractAsyncContextManager[AsyncCanMotors]: ...
 @overload
 def open_robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1790,6 +1858,19 @@ def open_robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
+@overload
+def open_robot(
+    name: CanMotorsName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, side: Literal["left", "right"] = "right",
+    table: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+) -> AbstractAsyncContextManager[AsyncSimulatedCanMotors]: ...
 @overload
 def open_robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",

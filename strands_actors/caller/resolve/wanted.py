@@ -25,6 +25,7 @@ from strands_actors.drivers import (
     get_native_driver_class,
     list_driver_coverage,
     list_native_drivers,
+    register_own_table,
     resolve_driver,
 )
 from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
@@ -129,6 +130,7 @@ def read(
             f"Robot: gated is {shown(gated)}. Give True, or False to let targets exceed the ranges of joints"
         )
     check_backend(backend)
+    register_own_table(robot, options)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
     tool_name = _id(robot, {"id": id, "tool_name": tool_name, "peer_id": peer_id})
     _check_keywords(driver_class, options)

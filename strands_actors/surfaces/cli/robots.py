@@ -19,6 +19,7 @@ from strands_actors.drivers import (
     list_driver_coverage,
     list_leaders,
     list_native_drivers,
+    register_own_table,
 )
 
 from .errors import Problem
@@ -149,13 +150,15 @@ def serve_twin(
         options: Options of the simulated robot, each as a text ``name=value``.
         takes_orders: Let ``order_twin`` change the running robot.
     """
-    name, driver_class = driver_of_twin(robot)
     if wrong := [text for text in options if "=" not in text]:
         raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")
+    given = dict(text.split("=", 1) for text in options)
+    register_own_table(robot, given)
+    name, driver_class = driver_of_twin(robot)
     if fault is not None:
         _check_fault(driver_class, name, fault)
     serve = load(driver_class.TWIN)
-    keywords: dict[str, Any] = {"options": dict(text.split("=", 1) for text in options)} if options else {}
+    keywords: dict[str, Any] = {"options": given} if given else {}
     if takes_orders:
         keywords["orders"] = f"{port_file}{ORDERS}"
     try:
