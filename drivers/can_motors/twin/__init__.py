@@ -34,12 +34,10 @@ from strands_actors.drivers.common.twin import (
     Line,
     PtyLine,
     Reply,
-    Start,
     TwinOptions,
     WireLog,
+    main_of,
     parse_fault,
-    read_twin_options,
-    run_server,
 )
 from strands_actors.drivers.common.twin.server import Conversation, Frost
 
@@ -200,27 +198,22 @@ class CanServer:
             line.close()
 
 
-def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate an arm until interrupted (see ``common.twin.run_server``)."""
-    chosen = read_twin_options(robot, CanTwinOptions, options)
-    table = chosen.table
+def build(robot: str, options: CanTwinOptions, log: WireLog) -> CanServer:
+    """Return the server of an arm of ``robots.toml``, or of a user's table."""
+    table = options.table
     if isinstance(table, str):
         table = read_table(robot, table)
     elif table is None:
-        table = table_of(robot, chosen.side)
+        table = table_of(robot, options.side)
     arm = arm_of(robot, table)
+    twin = CanRobot(arm, table)
+    for motor in twin.motors:
+        if isinstance(motor, SimRobStride):
+            motor.speaks_mit = options.mit_protocol
+    if options.interfaces:
+        return CanServer(twin, [CanLine(name) for name in options.interfaces.split(",")], log, socketcan=True)
+    links = [options.link and f"{options.link}{bus or ''}" for bus in range(arm.buses)]
+    return CanServer(twin, [PtyLine(link) for link in links], log)
 
-    def build(log: WireLog) -> CanServer:
-        twin = CanRobot(arm, table)
-        for motor in twin.motors:
-            if isinstance(motor, SimRobStride):
-                motor.speaks_mit = chosen.mit_protocol
-        if chosen.interfaces:
-            names = chosen.interfaces.split(",")
-            return CanServer(twin, [CanLine(name) for name in names], log, socketcan=True)
-        links = (
-            [None] * arm.buses if chosen.link is None else [f"{chosen.link}{bus or ''}" for bus in range(arm.buses)]
-        )
-        return CanServer(twin, [PtyLine(link) for link in links], log)
 
-    run_server(build, **start)
+main = main_of(CanTwinOptions, build)
