@@ -26,7 +26,7 @@ from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.generator import Limits
 from strands_actors.drivers.franka.twin.controller import TICK_S, Controller
-from strands_actors.drivers.franka.twin.server import IDLE_TICKS, FrankaServer, Machine
+from strands_actors.drivers.franka.twin.server import IDLE_TICKS, FrankaServer, FrankaTwin
 from strands_actors.drivers.franka.wire import FrankaWire
 from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
@@ -149,7 +149,7 @@ class _Robot(FrankaServer):
         self.sockets: dict[int, _Udp] = {}
         self.ports: Iterator[int] = itertools.count(40_000)
         self.commands: deque[bytes] = deque()
-        self._machine = Machine(self.controller)
+        self._twin = FrankaTwin(self.controller)
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover = None
         self._late = deque()
