@@ -368,7 +368,7 @@ NOTHING_LATE: Mapping[str, str] = {
     "feetech": _SERIAL,
     "dynamixel": _SERIAL,
     "stretch": _SERIAL,
-    "can_motors": "Frames to a motor keep their order on the bus and in an adapter, so no stop overtakes a request.",
+    "can_motors": "Frames to a motor keep their order on bus and adapter, so no stop overtakes a request.",
     "franka": "A motion ends with the connection on which it began, and arming sends nothing.",
     "kuka": "The controller asks, and only an answer to its newest message moves the arm.",
     "yahboom": "Nothing is energised, and the firmware ends each twist by itself.",

@@ -101,7 +101,7 @@ def test_a_picture_that_does_not_exist_is_refused(capsys: pytest.CaptureFixture[
     with pytest.raises(SystemExit) as end:
         command.main(["so1001"])
     assert end.value.code == 2
-    assert "there is no picture so1001. Use b2, booster_t1" in capsys.readouterr().err
+    assert "there is no picture so1001. Use b2, bi_openarm, booster_t1" in capsys.readouterr().err
 
 
 def test_the_command_writes_the_picture_that_was_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

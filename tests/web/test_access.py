@@ -11,10 +11,10 @@ from strands_actors.surfaces.web.access import (
     MOST_SESSIONS,
     MOST_WRONG_CODES,
     Access,
-    Asked,
     Denied,
     Role,
     Session,
+    Visit,
 )
 
 HOST = "127.0.0.1:8390"
@@ -35,10 +35,10 @@ def let_in(access: Access) -> str:
     return f"console={secret}"
 
 
-def asked(
+def visit(
     cookie: str = "", method: str = "GET", origin: str = "", host: str = HOST, is_websocket: bool = False
-) -> Asked:
-    return Asked(method, "http", host, origin, cookie, is_websocket)
+) -> Visit:
+    return Visit(method, "http", host, origin, cookie, is_websocket)
 
 
 def status(found: Session | Denied) -> int:
@@ -67,7 +67,7 @@ def test_a_request_of_another_page_or_for_another_host_is_refused(
     access: Access, method: str, origin: str, host: str, is_websocket: bool, expected: int
 ) -> None:
     cookie = let_in(access)
-    assert status(access.session_of(asked(cookie, method, origin, host, is_websocket))) == expected
+    assert status(access.session_of(visit(cookie, method, origin, host, is_websocket))) == expected
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_request_of_another_page_or_for_another_host_is_refused(
 )
 def test_a_browser_without_the_secret_is_refused(access: Access, cookie: str) -> None:
     let_in(access)
-    assert status(access.session_of(asked(cookie))) == 403
+    assert status(access.session_of(visit(cookie))) == 403
 
 
 def test_a_wrong_token_lets_nobody_in(access: Access) -> None:
@@ -87,7 +87,7 @@ def test_a_wrong_token_lets_nobody_in(access: Access) -> None:
 def test_a_code_works_once_and_gives_its_role(access: Access) -> None:
     code = access.offer(Role.VIEWER, 0.0)
     secret = access.redeem(f" {code[:2]} {code[2:]} ", "a phone", CODE_S - 1)
-    found = access.session_of(asked(f"console={secret}"))
+    found = access.session_of(visit(f"console={secret}"))
     assert isinstance(found, Session) and found.role is Role.VIEWER and found.device == "a phone"
     assert isinstance(access.redeem(code, "a thief", CODE_S - 1), Denied)
 
@@ -109,10 +109,10 @@ def test_a_device_that_was_sent_away_is_out(access: Access) -> None:
     cookie = let_in(access)
     (session,) = access.sessions()
     assert access.holds(session) and access.revoke(session.id) and not access.revoke(session.id)
-    assert status(access.session_of(asked(cookie))) == 403 and not access.holds(session)
+    assert status(access.session_of(visit(cookie))) == 403 and not access.holds(session)
 
 
 def test_the_oldest_session_ends_when_there_are_too_many(access: Access) -> None:
     first, second, *_ = [let_in(access) for _ in range(MOST_SESSIONS + 1)]
-    assert status(access.session_of(asked(first))) == 403
-    assert status(access.session_of(asked(second))) == 200
+    assert status(access.session_of(visit(first))) == 403
+    assert status(access.session_of(visit(second))) == 200

@@ -143,6 +143,7 @@ def test_the_estop_has_its_own_origin_and_no_script(bench: Bench) -> None:
     parts = urlsplit(url)
     assert parts.netloc not in visitor.origin
     served = visitor.http.get(url)
+    assert served.headers["Referrer-Policy"] == "same-origin", "else Chromium sends Origin: null with the form"
     assert served.headers["Origin-Agent-Cluster"] == "?1" and "<script" not in served.text
     assert "script-src" not in served.headers["Content-Security-Policy"]
     assert f"frame-ancestors {visitor.origin}" in served.headers["Content-Security-Policy"]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
+from strands_actors.kernel.processes.interpreter import PYTHON
 from strands_actors.surfaces.host.fleet import BadFleet
 from strands_actors.surfaces.host.fleet_file import read_fleet
 from strands_actors.surfaces.host.install import RUN_DIRECTORY, File, next_steps, rules, unit
@@ -74,7 +75,7 @@ def _files(systemd: bool, udev: bool, file: Path | None, user: str | None) -> li
             path = read_fleet(file.absolute()).path
         except BadFleet as bad:
             raise Problem(f"install: {bad}") from bad
-        program = [sys.executable, "-c", "from strands_actors.surfaces.cli import main; main()"]
+        program = [*PYTHON, "-c", "from strands_actors.surfaces.cli import main; main()"]
         script = Path(sys.argv[0]).absolute()
         if script.name == "strands-actors" and os.access(script, os.X_OK):
             program = [str(script)]

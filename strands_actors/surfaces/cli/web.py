@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import trio
 
 from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.contract.extras import require
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import Problem
 from .orders import configuration
@@ -101,7 +101,8 @@ async def _serve(choice: Choice, mesh: Path | None, as_json: bool) -> None:
 def _simulated(robot: str) -> Iterator[None]:
     """Run a simulated robot in a process of its own while the block runs. No script commands it."""
     process = subprocess.Popen(
-        [sys.executable, "-c", _SIMULATED, robot],
+        [*PYTHON, "-c", _SIMULATED, robot],
+        env=environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C goes to this command, which then ends the robot.

@@ -40,8 +40,8 @@ class Session(msgspec.Struct, frozen=True):
 
     Attributes:
         id: Public name of the session.
-        role: What it may do.
-        device: What the browser says it is, for people.
+        role: Its rights.
+        device: The browser's own description, for people.
         since_s: When it was let in.
     """
 
@@ -51,7 +51,7 @@ class Session(msgspec.Struct, frozen=True):
     since_s: float
 
 
-class Asked(NamedTuple):
+class Visit(NamedTuple):
     """The parts of a request that decide whether it is allowed. A missing header is an empty text."""
 
     method: str
@@ -91,7 +91,7 @@ class Access:
     def __init__(self, cookie: str, new_secret: Callable[[], str], new_code: Callable[[], str]) -> None:
         self.cookie = cookie
         self.token = new_secret()
-        """Who has it becomes an operator."""
+        """A browser with this token becomes an operator."""
         self._new_secret = new_secret
         self._new_code = new_code
         self._hosts: frozenset[str] = frozenset()
@@ -103,21 +103,21 @@ class Access:
         """Set the accepted values of the ``Host`` header, each ``name:port``."""
         self._hosts = frozenset(host.lower() for host in hosts)
 
-    def refuse_sender(self, asked: Asked) -> Denied | None:
+    def refuse_sender(self, visit: Visit) -> Denied | None:
         """Return a refusal if the request comes from another page or for another host; None if it does not."""
-        host = asked.host.lower()
+        host = visit.host.lower()
         if host not in self._hosts:
             return Denied(421, "The host name is not one of this server.")
-        changes = asked.method not in ("GET", "HEAD") or asked.is_websocket
-        if changes and asked.origin.lower() != f"{asked.scheme}://{host}":
+        changes = visit.method not in ("GET", "HEAD") or visit.is_websocket
+        if changes and visit.origin.lower() != f"{visit.scheme}://{host}":
             return Denied(403, "The request comes from another page.")
         return None
 
-    def session_of(self, asked: Asked) -> Session | Denied:
+    def session_of(self, visit: Visit) -> Session | Denied:
         """Return the session of a request, or why the request is refused."""
-        if (denied := self.refuse_sender(asked)) is not None:
+        if (denied := self.refuse_sender(visit)) is not None:
             return denied
-        return self._sessions.get(_key(_cookie(asked.cookie, self.cookie)), NO_SESSION)
+        return self._sessions.get(_key(_cookie(visit.cookie, self.cookie)), NO_SESSION)
 
     # -- let browsers in
 
@@ -139,9 +139,9 @@ class Access:
     def redeem(self, code: str, device: str, now_s: float) -> str | Denied:
         """Return the secret of a new session, for a code. A code works once."""
         self._forget_old(now_s)
-        found = self._codes.pop("".join(code.split()), None)
-        if found is not None:
-            return self._open(found.role, device, now_s)
+        entry = self._codes.pop("".join(code.split()), None)
+        if entry is not None:
+            return self._open(entry.role, device, now_s)
         self._wrong_codes += 1
         if self._wrong_codes >= MOST_WRONG_CODES:
             self._codes.clear()
@@ -151,7 +151,7 @@ class Access:
         return list(self._sessions.values())
 
     def revoke(self, session_id: str) -> bool:
-        """End a session. Return False if there is none with this id."""
+        """End a session. Return False if no session has this id."""
         keys = [key for key, session in self._sessions.items() if session.id == session_id]
         for key in keys:
             del self._sessions[key]
@@ -170,11 +170,11 @@ class Access:
         return secret
 
     def _forget_old(self, now_s: float) -> None:
-        self._codes = {code: found for code, found in self._codes.items() if found.until_s > now_s}
+        self._codes = {code: entry for code, entry in self._codes.items() if entry.until_s > now_s}
 
 
 def _key(secret: str) -> bytes:
-    """Return what a session is stored under. The time to find it tells nothing about the secret."""
+    """Return the key of a session. The time of a look-up does not depend on the secret."""
     return hashlib.sha256(secret.encode()).digest()
 
 

@@ -1,7 +1,7 @@
 """The console: its pages, its orders to robots, and the devices that may use it.
 
-Each order is a POST, and its answer is what the robot has answered. A stop is never refused to a visitor who may
-look.
+Each order is a POST, and its answer is the answer of the robot. A stop is never refused to a visitor with a
+session.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from strands_actors.surfaces.mesh.outcome import SAFE, Outcome
 from strands_actors.surfaces.view.model import NoModel
 
 from .access import Access, Denied, Role, Session
-from .guard import asked_of
+from .guard import visit_of
 from .live import Conversation
 from .pictures import MEDIA_TYPE, pictures
 from .poses import BadPoses, Poses
@@ -89,7 +89,7 @@ class RevokeOrder(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Bad(Exception):
-    """A request cannot be carried out. The text tells the person why."""
+    """A request cannot be carried out. The text has the reason for the person."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -169,11 +169,11 @@ class Console:
             if isinstance(secret, Denied):
                 return _denied(secret)
             return self._let_in(request, secret, request.query_params.get("robot", ""))
-        session = self._access.session_of(asked_of(request.scope))
+        session = self._access.session_of(visit_of(request.scope))
         if isinstance(session, Denied):
             return RedirectResponse("/pair", 303) if self._pairing_url else _denied(session)
-        asked = asked_of(request.scope)
-        facts = {"role": session.role, "estop": self._estop_url(asked.scheme, asked.host), "id": session.id}
+        visit = visit_of(request.scope)
+        facts = {"role": session.role, "estop": self._estop_url(visit.scheme, visit.host), "id": session.id}
         return HTMLResponse(_page("index.html").replace("{{facts}}", _attribute(facts)))
 
     async def _pair_page(self, request: Request) -> Response:
@@ -196,7 +196,7 @@ class Console:
         response = HTMLResponse(
             f'<!doctype html><meta http-equiv="refresh" content="0;url={url}"><p><a href="{url}">go on</a>'
         )
-        secure = asked_of(request.scope).scheme == "https"
+        secure = visit_of(request.scope).scheme == "https"
         response.set_cookie(self._access.cookie, secret, httponly=True, samesite="strict", secure=secure)
         return response
 

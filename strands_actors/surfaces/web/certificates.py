@@ -46,7 +46,7 @@ def own_name() -> str:
 
 
 def certificate_for(name: str, folder: Path) -> Certificate:
-    """Return the certificate for a name. Make it if there is none, or if it ends soon.
+    """Return the certificate for a name. Make it if it is missing, or ends soon.
 
     Args:
         name: Name or IP address of this computer.

@@ -6,14 +6,15 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .access import Access, Asked, Denied
+from .access import Access, Denied, Visit
 
 OPEN_PATHS = ("/", "/pair")
 """Pages that check the visitor themselves: where a browser without a session is let in."""
 REFUSED_SOCKET = 1008
 _HEADERS = {
     "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",
+    # With "no-referrer" a browser sends ``Origin: null`` with a form, and the e-stop would be refused.
+    "Referrer-Policy": "same-origin",
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-site",
@@ -29,7 +30,7 @@ class Guard:
 
     Args:
         app: The application.
-        access: Who may use it.
+        access: The sessions.
         policy: The Content-Security-Policy of each answer.
     """
 
@@ -42,7 +43,7 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        asked = asked_of(scope)
+        visit = visit_of(scope)
 
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -51,28 +52,28 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        denied = self._access.refuse_sender(asked)
+        denied = self._access.refuse_sender(visit)
         if denied is None and scope["path"] not in OPEN_PATHS:
-            session = self._access.session_of(asked)
+            session = self._access.session_of(visit)
             if isinstance(session, Denied):
                 denied = session
             else:
                 scope.setdefault("state", {})["session"] = session
         if denied is None:
             await self._app(scope, receive, send_guarded)
-        elif asked.is_websocket:
+        elif visit.is_websocket:
             await receive()
             await send({"type": "websocket.close", "code": REFUSED_SOCKET, "reason": denied.text})
         else:
             await PlainTextResponse(denied.text, denied.status)(scope, receive, send_guarded)
 
 
-def asked_of(scope: Scope) -> Asked:
+def visit_of(scope: Scope) -> Visit:
     """Return what decides about a request."""
     headers = Headers(scope=scope)
     is_websocket = scope["type"] == "websocket"
     secure = scope["scheme"] in ("https", "wss")
-    return Asked(
+    return Visit(
         "GET" if is_websocket else scope["method"],
         "https" if secure else "http",
         headers.get("host", ""),

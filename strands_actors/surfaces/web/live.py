@@ -1,6 +1,6 @@
-"""The WebSocket of a page: it sends what the page shows, and takes what the operator does by hand.
+"""The WebSocket of a page: it sends the newest values, and receives the operator's hand on the jog buttons.
 
-A page gets the newest values only. So a page that reads slowly makes nobody wait, and never shows old values later.
+A page that reads slowly misses values, delays nothing, and never shows old values later.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ LONGEST_MS = 1e12
 BAD_MESSAGE = 1003
 """Code with which the connection of a page that sends something else is closed (RFC 6455, 7.4.1)."""
 ENDED = 1008
-"""The same for a page whose session has ended."""
+"""The same after the end of the session."""
 
 
 class Watch(msgspec.Struct, tag="watch", forbid_unknown_fields=True):
-    """Show this robot; an empty name for none."""
+    """Show this robot. With an empty name, show the fleet only."""
 
     robot: Annotated[str, msgspec.Meta(max_length=64)]
 

@@ -17,7 +17,7 @@ MEDIA_TYPE = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
 
 
 async def pictures(config: MeshConfig, robot: str, camera: str) -> AsyncIterator[bytes]:
-    """Yield the pictures of a camera. A browser that reads slowly misses pictures, and makes nobody wait.
+    """Yield the pictures of a camera. A browser that reads slowly misses pictures, and delays nothing.
 
     The connection to the mesh is this stream's own: a camera compresses pictures only while it has a subscriber.
     """

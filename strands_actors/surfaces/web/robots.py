@@ -1,4 +1,4 @@
-"""What the console shows of each robot: the newest sample of each topic, and the last events. Pure, except for the
+"""The robots as the console shows them: the newest sample of each topic, and the last events. Pure, except for the
 clock that ``Viewer`` uses."""
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class Summary(msgspec.Struct, frozen=True):
         state: State of the robot.
         epoch: Number of stops and holds.
         connected: True while the link to the robot works.
-        lease: Who may command the robot; empty for nobody.
-        locked_by: Who has pressed the e-stop; empty if it is not locked.
-        task: The task that runs; empty for none.
+        lease: The program that commands the robot; empty if the lease is free.
+        locked_by: The operator of the e-stop; empty without a lock.
+        task: The running task; empty without one.
         age_s: Age of the newest positions in seconds; -1 without a reading.
         silent_s: How long no sample has arrived, in seconds.
         battery: Charge in percent; None if the robot does not report it.
         cause: Why the robot is in its safe state.
         last_refusal: The last refused setpoint, with its remedy.
-        problem: What is wrong with the link or a motor; empty if nothing is.
+        problem: The fault of the link or of a motor; empty without one.
     """
 
     name: str

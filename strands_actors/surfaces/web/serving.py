@@ -1,4 +1,4 @@
-"""Serve the console, and beside it the e-stop in a thread of its own."""
+"""Serve the console, and the e-stop in a separate thread."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Serving(msgspec.Struct, frozen=True):
     Attributes:
         url: The console for this computer, with the token.
         estop: The e-stop for this computer.
-        pairing: The console for another device, with a code for one operator; empty if there are none.
+        pairing: The console for another device, with a code for one operator; empty without --lan.
         fingerprint: Fingerprint of the certificate that other devices see.
     """
 
@@ -153,7 +153,7 @@ async def serve(
 
 @contextlib.contextmanager
 def _stopping(press: Press, access: Access, doors: list[_Door], policy: str, lan: Lan | None) -> Iterator[None]:
-    """Serve the e-stop in a thread of its own while the block runs."""
+    """Serve the e-stop in a separate thread while the block runs."""
     app = Guard(estop_app(press), access, policy)
     starting: Future[Callable[[], None]] = Future()
 
@@ -177,7 +177,7 @@ async def _run(app: ASGIApp, doors: list[_Door], lan: Lan | None, until: Callabl
     config.accesslog = config.errorlog = None
     config.websocket_max_message_size = MAX_MESSAGE
     config.graceful_timeout = LEAVE_S
-    # Hypercorn closes what it gets.
+    # Hypercorn closes the descriptors that it gets.
     binds = [f"fd://{os.dup(door.listener.fileno())}" for door in doors]
     if lan is None:
         config.bind = binds

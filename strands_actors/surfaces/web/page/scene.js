@@ -116,6 +116,7 @@ export class RobotScene {
         this.goal.set(joint.name, {from: this.measured.joints.get(joint.name), to: (joint.measured - zero) / scale, at: now})
       if (joint.commanded != null) this.commanded.joints.set(joint.name, (joint.commanded - zero) / scale)
     }
+    this.commanded.root.visible = joints.some(joint => joint.commanded != null)
     this.commanded.pose()
     this.wake()
   }
