@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import parse_qs
 
 import msgspec
+import trio
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
@@ -26,6 +27,7 @@ from strands_actors.surfaces.mesh.client import BEGIN_S, MeshClient
 from strands_actors.surfaces.mesh.config import MeshConfig
 from strands_actors.surfaces.mesh.outcome import SAFE, Outcome
 from strands_actors.surfaces.view.model import NoModel
+from strands_actors.surfaces.view.watch import PRESENCE_S
 
 from .access import Access, Denied, Role, Session
 from .guard import visit_of
@@ -216,9 +218,13 @@ class Console:
 
     async def _scene(self, request: Request) -> Response:
         robot = self._robots.get(request.path_params["robot"])
-        presence = robot.viewer.presence if robot is not None else None
+        if robot is None:
+            return _text(404, "There is no such robot.")
+        with trio.move_on_after(PRESENCE_S):
+            await robot.viewer.identified.wait()
+        presence = robot.viewer.presence
         if presence is None:
-            return _text(404, "The robot has not published its type yet.")
+            return _text(404, "The robot has not published its type.")
         try:
             return Response(await self._scenes.get(presence.hw), media_type="application/octet-stream")
         except NoModel as reason:
@@ -279,10 +285,10 @@ class Console:
         watched = self._robots.get(robot)
         reading = watched.joints if watched is not None else None
         joints = {} if reading is None else {each.name: each.measured for each in reading.joints}
-        known = {name: measured for name, measured in joints.items() if measured is not None}
-        if not known or watched is None or watched.is_silent:
+        positions = {name: measured for name, measured in joints.items() if measured is not None}
+        if not positions or watched is None or watched.is_silent:
             raise Bad(409, f"{robot} does not tell where it is, so there is nothing to store.")
-        self._poses.store(robot, order.name, known)
+        self._poses.store(robot, order.name, positions)
         return {"poses": self._poses.of(robot)}
 
     async def _remove(self, request: Request, session: Session) -> dict[str, Any]:

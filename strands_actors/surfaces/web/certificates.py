@@ -58,15 +58,15 @@ def certificate_for(name: str, folder: Path) -> Certificate:
 
     file, key_file = folder / f"{name}.pem", folder / f"{name}.key"
     now = datetime.datetime.now(datetime.UTC)
-    found = x509.load_pem_x509_certificate(file.read_bytes()) if file.exists() and key_file.exists() else None
-    if found is None or found.not_valid_after_utc - now < RENEW:
+    certificate = x509.load_pem_x509_certificate(file.read_bytes()) if file.exists() and key_file.exists() else None
+    if certificate is None or certificate.not_valid_after_utc - now < RENEW:
         key = ec.generate_private_key(ec.SECP256R1())
         try:
             alternative: x509.GeneralName = x509.IPAddress(ipaddress.ip_address(name))
         except ValueError:
             alternative = x509.DNSName(name)
         subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
-        found = (
+        certificate = (
             x509.CertificateBuilder()
             .subject_name(subject)
             .issuer_name(subject)
@@ -83,6 +83,6 @@ def certificate_for(name: str, folder: Path) -> Certificate:
         )
         with open(os.open(key_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as out:
             out.write(private)
-        file.write_bytes(found.public_bytes(serialization.Encoding.PEM))
-    digest = found.fingerprint(hashes.SHA256()).hex(":").upper()
+        file.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    digest = certificate.fingerprint(hashes.SHA256()).hex(":").upper()
     return Certificate(file, key_file, digest)

@@ -70,13 +70,13 @@ def _body_json(body: Body) -> dict[str, Any]:
 
 def _mesh_json(mesh: Mesh, numbers: bytearray) -> dict[str, Any]:
     points, faces = np.asarray(mesh.points, "<f4"), np.asarray(mesh.faces, "<u4")
-    at = len(numbers)
+    offset = len(numbers)
     numbers += points.tobytes()
     numbers += faces.tobytes()
     return {
         "body": mesh.body,
         "rgba": _rounded(mesh.rgba),
-        "at": at,
+        "at": offset,
         "points": len(points),
         "faces": len(faces),
     }
