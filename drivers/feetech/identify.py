@@ -34,6 +34,7 @@ class Identity(msgspec.Struct, frozen=True):
     high: int
     homing_offset: int
     mode: int
+    speed_unit: int  # counts/s of one unit in the registers of speeds
     max_torque: int  # what TORQUE_LIMIT is after the power was switched on
     torque_limit: int
     max_temperature_c: float
@@ -73,6 +74,7 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
         high=protocol.MAX_POSITION.decode(eeprom, 0),
         homing_offset=protocol.HOMING_OFFSET.decode(eeprom, 0),
         mode=protocol.MODE.decode(eeprom, 0),
+        speed_unit=protocol.speed_unit(protocol.PHASE.decode(eeprom, 0)),
         max_torque=protocol.MAX_TORQUE.decode(eeprom, 0),
         torque_limit=protocol.TORQUE_LIMIT.decode(ram, _RAM),
         max_temperature_c=float(protocol.MAX_TEMPERATURE.decode(eeprom, 0)),

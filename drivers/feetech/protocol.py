@@ -73,6 +73,13 @@ MAX_VOLTAGE = Register(14)  # in units of 0.1 V
 MIN_VOLTAGE = Register(15)
 MAX_TORQUE = Register(16, 2)
 PHASE = Register(18)
+SPEED_IN_COUNTS = 0x04
+"""Bit of PHASE. With it a speed counts 1 count/s (0.0146 rpm), without it 50 counts/s (0.732 rpm).
+
+An STS3215 leaves the factory with it: the vendor's examples for it (SCServo library, ``SyncWritePosEx``) say
+"factory speed unit is 0.0146 rpm", and how to convert if it is 0.732 rpm, as on an SMS40BL. The bit itself is
+from users who have measured it, as at HumanaOpen (``switch_phase_bit2.py``)."""
+COARSE_COUNTS = 50
 UNLOAD_CONDITION = Register(19)  # error bits for which the servo switches its torque off
 LED_ALARM = Register(20)
 P_GAIN = Register(21)
@@ -200,9 +207,14 @@ def hold(positions: Mapping[int, int]) -> bytes:
     return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_POSITION.address, 4)) + rows)
 
 
+def speed_unit(phase: int) -> int:
+    """Return the counts/s of one unit in the registers of speeds, from the value of PHASE."""
+    return 1 if phase & SPEED_IN_COUNTS else COARSE_COUNTS
+
+
 LOWERING_COUNTS_S = 1500
 """Highest speed of a servo while its arm is lowered, 2.3 rad/s. The servo itself keeps it, even if no further frame
-comes."""
+comes. A servo with ``COARSE_COUNTS`` has no limit then, and only the torque limits slow its arm down."""
 
 EFFORT, FULL_EFFORT = LOAD, 1000
 

@@ -18,14 +18,6 @@ ROOM_TEMPERATURE_C = 30
 MOVING_RAD_S = 0.01
 MULTI_TURN_FEEDBACK = 0x10
 """Bit of PHASE. With it positions are reported beyond one turn instead of wrapped."""
-SPEED_IN_COUNTS = 0x04
-"""Bit of PHASE. With it a speed counts 1 count/s (0.0146 rpm), without it 50 counts/s (0.732 rpm).
-
-An STS3215 leaves the factory with it: the vendor's examples for it (SCServo library, ``SyncWritePosEx``) say
-"factory speed unit is 0.0146 rpm", and how to convert if it is 0.732 rpm, as on an SMS40BL. The bit itself is
-from users who have measured it, as at HumanaOpen (``switch_phase_bit2.py``)."""
-COARSE_COUNTS = 50
-
 SENSOR_REGISTERS = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
 """The registers that the servo's own sensors write."""
 
@@ -135,7 +127,7 @@ class Servo(TwinServo):
     @property
     def _speed_unit(self) -> int:
         """Counts/s of one unit in the registers of speeds."""
-        return 1 if self.table[p.PHASE.address] & SPEED_IN_COUNTS else COARSE_COUNTS
+        return p.speed_unit(self.table[p.PHASE.address])
 
     def power_cycle(self) -> None:
         """Restart the servo. The EEPROM has its saved values, the RAM has its values at delivery, the torque is

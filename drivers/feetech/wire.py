@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from strands_actors.contract.wire import Permit
@@ -18,7 +19,21 @@ from .safing import FeetechSafing
 
 
 class FeetechReadings(Readings[protocol.Packet]):
+    """The newest values of the servos.
+
+    Args:
+        axes: The axes.
+        limits: Constant rows that each observation also contains, in axis order.
+        speed_units: Counts/s of one unit in a servo's registers of speeds, by id.
+    """
+
     SENSORS = ("load_pct", "voltage_v", "temperature_c")
+
+    def __init__(
+        self, axes: Sequence[Axis], limits: Mapping[str, tuple[float, ...]], speed_units: Mapping[int, int]
+    ) -> None:
+        super().__init__(axes, limits)
+        self._speed_units = speed_units
 
     def sample(self, axis: Axis, reply: protocol.Packet, base: int) -> Sample:
         block = reply.params
@@ -27,7 +42,7 @@ class FeetechReadings(Readings[protocol.Packet]):
             torque = bool(protocol.TORQUE_ENABLE.decode(block, base))
         return Sample(
             position=protocol.POSITION.decode(block, base),
-            velocity=float(protocol.VELOCITY.decode(block, base)),
+            velocity=float(protocol.VELOCITY.decode(block, base) * self._speed_units[axis.id]),
             sensors=(
                 protocol.LOAD.decode(block, base) / 10,
                 protocol.VOLTAGE.decode(block, base) / 10,
@@ -61,7 +76,7 @@ class FeetechWire(ServoWire[protocol.Packet]):
         limits = limits_of(self.axes, [servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
         return Handshake(
-            FeetechReadings(self.axes, limits),
+            FeetechReadings(self.axes, limits, {motor: servo.speed_unit for motor, servo in servos.items()}),
             travel,
             travel,
             facts(self.axes, servos),

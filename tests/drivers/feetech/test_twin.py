@@ -10,7 +10,6 @@ from strands_actors.drivers.common.twin import Fault, Reply
 from strands_actors.drivers.common.twin.servo_bus import TORN_FRAME_S
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.drivers.feetech.robots import TABLES
-from strands_actors.drivers.feetech.servo import SPEED_IN_COUNTS
 from strands_actors.drivers.feetech.twin import FeetechBus, main
 
 
@@ -421,7 +420,7 @@ def test_velocity_mode_turns_until_another_command() -> None:
 
 def test_with_bit_2_of_the_phase_off_a_speed_counts_fifty_counts_a_second() -> None:
     bench = Bench()
-    bench.put(1, p.PHASE, bench.get(1, p.PHASE) & ~SPEED_IN_COUNTS)
+    bench.put(1, p.PHASE, bench.get(1, p.PHASE) & ~p.SPEED_IN_COUNTS)
     bench.put(1, p.MODE, p.VELOCITY_MODE)
     bench.put(1, p.GOAL_VELOCITY, 6)
     bench.put(1, p.TORQUE_ENABLE, 1)

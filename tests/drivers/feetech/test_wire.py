@@ -35,6 +35,29 @@ def test_read_gives_every_row_in_the_drivers_units() -> None:
     virtual(main)
 
 
+@pytest.mark.parametrize("is_coarse", [False, True])
+def test_a_speed_is_read_in_the_unit_that_the_servo_has(is_coarse: bool) -> None:
+    """A lowering that took 50 counts/s for one would let the arm fall."""
+
+    async def main() -> None:
+        rig = FeetechRig()
+        if is_coarse:
+            for servo in rig.bus.servos:
+                servo.table[protocol.PHASE.address] &= ~protocol.SPEED_IN_COUNTS
+        await rig.armed()
+        before = await rig.wire.read()
+        await rig.wire.write((before.position[0] + 20.0, *before.position[1:]), Permission())
+        fastest = 0.0
+        for _ in range(40):
+            await trio.sleep(0.01)
+            seen = await rig.wire.read()
+            fastest = max(fastest, abs(seen.velocity[0]))
+        assert abs(seen.position[0] - before.position[0]) > 10
+        assert 30 < fastest < 400, "degrees a second"
+
+    virtual(main)
+
+
 def test_an_overload_that_arming_clears_does_not_refuse_the_first_setpoint() -> None:
     async def main() -> None:
         rig = FeetechRig()
