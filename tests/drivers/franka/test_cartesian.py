@@ -189,7 +189,7 @@ def test_a_path_goes_on_without_commands() -> None:
     for _ in range(10):
         assert controller.tick() is None
     assert field(controller, "O_T_EE_c")[12] == pytest.approx(here + 1e-3, rel=1e-3), "at the same velocity"
-    for _ in range(11):
+    for _ in range(10):
         ended = controller.tick()
     assert ended == (7, "reflex_aborted") and controller.reasons == {"communication_constraints_violation"}
 
