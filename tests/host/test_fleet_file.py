@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from strands_actors.surfaces.host.fleet import METRICS, BadFleet
-from strands_actors.surfaces.host.fleet_file import read_fleet
+from strands_actors.surfaces.host.fleet_file import WEB_PORT, read_fleet
 from strands_actors.surfaces.host.toml_lines import lines_of
 
 GOOD = """
@@ -50,7 +52,7 @@ def faults(folder: Path, text: str) -> dict[int, str]:
 
 def test_a_good_file_has_a_plan_for_each_robot(tmp_path: Path) -> None:
     fleet = read_fleet(written(tmp_path, GOOD))
-    assert fleet.metrics == ""
+    assert fleet.services == {}
     plans = {name: spec.plan() for name, spec in fleet.robots.items()}
     assert {name: plan.tool_name for name, plan in plans.items()} == {name: name for name in plans}
     assert plans["left"].port == "/dev/serial/by-id/left"
@@ -145,8 +147,32 @@ def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path: Path) -> None:
         read_fleet(path)
 
 
+def services(folder: Path, text: str) -> Mapping[str, Mapping[str, Any]]:
+    return read_fleet(written(folder, f"[host]\n{text}\n[robot.a]\ntype = 'so101'\n")).services
+
+
 def test_metrics_are_served_unless_the_file_says_no(tmp_path: Path) -> None:
-    assert read_fleet(written(tmp_path, "[robot.a]\ntype = 'so101'\n")).metrics == METRICS
+    host, _, port = METRICS.partition(":")
+    assert services(tmp_path, "") == {"metrics": {"host": host, "port": int(port)}}
+    assert services(tmp_path, "metrics = false") == {}
+
+
+def test_the_console_and_the_bridge_of_ros_are_served_if_the_file_says_so(tmp_path: Path) -> None:
+    assert services(tmp_path, "metrics = false\nweb = true") == {"web": {"port": WEB_PORT}}
+    assert services(tmp_path, "metrics = false\nweb = 0")["web"] == {"port": 0}
+    assert services(tmp_path, "ros2 = true")["ros2"]["options"] == [0, "", "tcp/localhost:7447", False, False]
+    table = 'ros2 = {domain = 7, namespace = "/lab", humble = true}'
+    assert services(tmp_path, table)["ros2"]["options"] == [7, "/lab", "tcp/localhost:7447", True, False]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['web = "yes"', "web = -1", "web = 65535", "web = 1.5", "ros2 = 3", "ros2 = {domain = 233}", "ros2 = {dom = 1}",
+     'ros2 = {namespace = "lab"}', 'ros2 = {router = "udp/x"}', "ros2 = {humble = 1}"],
+)  # fmt: skip
+def test_a_wrong_option_of_a_service_is_named(tmp_path: Path, line: str) -> None:
+    found = faults(tmp_path, f"[host]\n{line}\n[robot.a]\ntype = 'so101'\n")
+    assert found.keys() == {2} and found[2].startswith(line.partition(" ")[0]) and "Give" in found[2]
 
 
 KEYS = st.sampled_from(["a", "b", "c.d", '"x y"', "'z'"])

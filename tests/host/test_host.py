@@ -26,6 +26,7 @@ from strands_actors.surfaces.host.messages import Verb
 from strands_actors.surfaces.host.orders import order
 from tests.answers import state, until, why
 from tests.cli.command import PATIENCE_S, Command, RobotProcess
+from tests.web.browser import Visitor
 
 FLEET = """
 [host]
@@ -214,6 +215,32 @@ def test_a_broken_host_leaves_its_robots_safe_and_they_come_back_disarmed(
 
 
 @pytest.mark.long
+def test_the_console_of_a_host_shows_its_robots_and_ends_with_it(host: HostProcess) -> None:
+    began = host.start(FLEET.replace("metrics = false", "metrics = false\nweb = 0"))
+    assert "token" not in json.dumps(began), "what may go to a log has no token"
+    until(lambda: bool(host.cli.json("status")["services"]["web"]["address"]), "the console runs")
+    with Visitor(host.cli.json("status")["services"]["web"]["address"]) as visitor, visitor.page() as page:
+        page.until(
+            lambda message: (
+                message["type"] == "fleet" and {"left", "right"} <= {each["name"] for each in message["robots"]}
+            ),
+            "both robots",
+        )
+        assert host.cli.run("down").returncode == 0
+        assert page.closed.wait(PATIENCE_S)
+
+
+def test_a_service_that_cannot_run_is_named(host: HostProcess) -> None:
+    host.start(FLEET.replace("metrics = false", 'metrics = "192.0.2.1:1"\nros2 = {router = "tcp/127.0.0.1:1"}'))
+
+    def problems() -> str:
+        services = host.cli.json("status")["services"]
+        return " ".join(f"{name}: {service['problem']}" for name, service in services.items())
+
+    until(lambda: "waiting for a zenoh router at tcp/127.0.0.1:1" in problems(), "the missing router")
+    until(lambda: "metrics: " in problems() and "assign requested address" in problems(), "the wrong address")
+
+
 def test_the_robot_of_a_script_is_not_shared(run_dir: Path) -> None:
     with RobotProcess(Command(run_dir)), pytest.raises(ConnectionError, match="so101 was started by a script"):
         Robot("so101", attach=True)

@@ -53,7 +53,8 @@ def _keep(fleet: Fleet, new_adapters: bool, as_json: bool) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
 
     def on_ready(status: HostStatus) -> None:
-        show(status, as_json)
+        # This may go to a log that others read.
+        show(_without_tokens(status), as_json)
         if not as_json:
             print("scripts attach by name: Robot(NAME, attach=True). Ctrl-C ends the host", flush=True)
 
@@ -108,6 +109,14 @@ def _give(verb: Verb) -> HostStatus:
         raise Problem(f"{verb}: {none}") from none
 
 
+def _without_tokens(status: HostStatus) -> HostStatus:
+    services = {
+        name: msgspec.structs.replace(service, address=service.address.partition("?")[0])
+        for name, service in status.services.items()
+    }
+    return msgspec.structs.replace(status, services=services)
+
+
 def show(answer: HostStatus, as_json: bool) -> None:
     """Print the status of a host."""
     if as_json:
@@ -117,8 +126,8 @@ def show(answer: HostStatus, as_json: bool) -> None:
     for robot in answer.robots:
         print(f"{robot.name:<{width}}  {robot.type:<8}  {_state(robot)}")
     print(f"host: process {answer.pid}, {answer.file}")
-    if answer.metrics or answer.metrics_problem:
-        print(f"metrics: {answer.metrics or answer.metrics_problem}")
+    for name, service in answer.services.items():
+        print(f"{name}: {service.address or service.problem}")
     if answer.problem:
         print(f"adapters: {answer.problem}")
     sys.stdout.flush()

@@ -70,9 +70,9 @@ class Fleet:
     Attributes:
         path: The file.
         robots: The robots, by name.
-        metrics: Address of the metrics, ``host:port``; empty for no metrics.
+        services: The arguments of each service that the host runs, by name (see ``services``).
     """
 
     path: Path
     robots: Mapping[str, RobotSpec]
-    metrics: str = METRICS
+    services: Mapping[str, Mapping[str, Any]]

@@ -18,7 +18,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -33,7 +33,9 @@ from .fleet import METRICS, BadFleet, Fault, Fleet, RobotSpec
 from .toml_lines import lines_of
 
 MAX_BYTES = 256 * 1024
-HOST_KEYS = ("metrics",)
+HOST_KEYS = ("metrics", "ros2", "web")
+WEB_PORT = 8390
+HIGHEST_PORT = 65535
 OWN_KEYS = ("type", "adapter")
 """Keys of a robot's table that are no keywords of ``Robot``."""
 HANDLE_KEYS = ("arm", "guarded", "approve", "approve_within_s")
@@ -47,6 +49,19 @@ NOT_HERE = {
 """Keywords of ``Robot`` that cannot stand in the file, with the reason."""
 MOST_FAULTS = 20
 """Most faults of one robot's table that are looked for."""
+
+
+class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The options of the ROS 2 bridge, as ``strands-actors ros2`` has them."""
+
+    domain: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0
+    namespace: Annotated[str, msgspec.Meta(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)*\Z")] = ""
+    router: Annotated[str, msgspec.Meta(pattern=r"^(tcp|unixsock-stream)/.")] = "tcp/localhost:7447"
+    humble: bool = False
+    allow_motion: bool = False
+
+
+ROS2_KEYS = ", ".join(Ros2.__struct_fields__)
 
 
 def read_fleet(path: Path) -> Fleet:
@@ -98,7 +113,7 @@ class _Reader:
                 self._fault(
                     ("host", key), f"unknown key {shown(key)}{_hint(key, HOST_KEYS)}. Use {', '.join(HOST_KEYS)}"
                 )
-        metrics = self._metrics(host.get("metrics", METRICS))
+        services = self._services(host)
         tables = self._table(("robot",), self._document.get("robot", {}))
         if not self._document.get("robot"):
             self._fault(("robot",), "it names no robot. Add a table [robot.NAME] with type = ...")
@@ -118,7 +133,7 @@ class _Reader:
             self._check_port(name, spec, ports)
         if self._faults:
             raise BadFleet(self._path, self._faults)
-        return Fleet(self._path, robots, metrics)
+        return Fleet(self._path, robots, services)
 
     def _fault(self, path: tuple[str, ...], text: str) -> None:
         while path and path not in self._lines:
@@ -131,14 +146,29 @@ class _Reader:
         self._fault(path, f"{'.'.join(path)} is {shown(value)}. Give a table")
         return {}
 
-    def _metrics(self, value: Any) -> str:
-        if value is False:
-            return ""
-        address, colon, port = value.rpartition(":") if isinstance(value, str) else ("", "", "")
-        if not colon or not address or not port.isdecimal() or int(port) > 65535:
-            self._fault(("host", "metrics"), f'metrics is {shown(value)}. Give "{METRICS}", or false')
-            return ""
-        return str(value)
+    def _services(self, host: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+        """Return the arguments of each service that the host runs."""
+        services: dict[str, dict[str, Any]] = {}
+        if (metrics := host.get("metrics", METRICS)) is not False:
+            address, colon, port = metrics.rpartition(":") if isinstance(metrics, str) else ("", "", "")
+            if not colon or not address or not port.isdecimal() or int(port) > HIGHEST_PORT:
+                self._fault(("host", "metrics"), f'metrics is {shown(metrics)}. Give "{METRICS}", or false')
+            else:
+                services["metrics"] = {"host": address, "port": int(port)}
+        if (web := host.get("web", False)) is not False:
+            port_of_web = WEB_PORT if web is True else web
+            if not isinstance(port_of_web, int) or not 0 <= port_of_web < HIGHEST_PORT:
+                self._fault(("host", "web"), f"web is {shown(web)}. Give the port of the console, true, or false")
+            else:
+                services["web"] = {"port": port_of_web}
+        if (ros2 := host.get("ros2", False)) is not False:
+            try:
+                options = msgspec.convert({} if ros2 is True else ros2, Ros2)
+            except msgspec.ValidationError as error:
+                self._fault(("host", "ros2"), f"ros2: {error}. Give true, false, or a table with {ROS2_KEYS}")
+            else:
+                services["ros2"] = {"options": list(msgspec.structs.astuple(options))}
+        return services
 
     def _name_key(self, table: str) -> tuple[str, ...]:
         given = [key for key in NAME_KEYS if key in self._document["robot"][table]]

@@ -22,12 +22,13 @@ from strands_actors.caller.processes.run_directory import LockFile, try_lock
 from strands_actors.caller.session.portal import open_caller
 
 from .adapters import Adapters, adapters_file
+from .child import Child
 from .fleet import BadFleet, Fleet, RobotSpec
 from .fleet_file import read_fleet
 from .keeper import Ground, Keeper, Phase, RobotStatus
 from .messages import LINE_BYTES, FaultOf, HostStatus, Order, Verb, lock_path, socket_path
-from .metrics_child import MetricsChild
 from .notify import ALIVE, READY, RELOADING, STOPPING, Notifier
+from .services import ENTRIES
 
 GUARD_S = 0.5
 """Period of the question to each guardian."""
@@ -73,8 +74,7 @@ class Host:
         self._ground = ground
         self._notifier = notifier
         self._kept: dict[str, tuple[Keeper, trio.CancelScope]] = {}
-        self._metrics = MetricsChild("")
-        self._metrics_scope = trio.CancelScope()
+        self._services: dict[str, tuple[Child, trio.CancelScope]] = {}
         self._changing = trio.Lock()
         self.is_down = trio.Event()
         """Set when the host must end."""
@@ -83,7 +83,8 @@ class Host:
         """Start all robots, and tell systemd when each is up, or known not to be."""
         for spec in self._fleet.robots.values():
             self._start(spec)
-        self._start_metrics()
+        for name in self._fleet.services:
+            self._start_service(name)
         for keeper, _ in list(self._kept.values()):
             await keeper.settled.wait()
         self._notifier.send(READY, await self._line())
@@ -108,7 +109,8 @@ class Host:
         self._notifier.send(STOPPING)
         async with self._changing:
             await self._stop(list(self._kept))
-            self._metrics_scope.cancel()
+            for _, scope in self._services.values():
+                scope.cancel()
 
     # -- robots
 
@@ -132,16 +134,25 @@ class Host:
         for name in names:
             del self._kept[name]
 
-    def _start_metrics(self) -> None:
-        self._metrics_scope.cancel()
-        metrics, scope = MetricsChild(self._fleet.metrics), trio.CancelScope()
-        self._metrics, self._metrics_scope = metrics, scope
+    def _start_service(self, name: str) -> None:
+        child, scope = Child(name, ENTRIES[name], self._fleet.services[name]), trio.CancelScope()
+        self._services[name] = child, scope
 
         async def serve() -> None:
             with scope:
-                await metrics.run()
+                await child.run()
 
         self._ground.nursery.start_soon(serve)
+
+    def _change_services(self, before: Fleet) -> None:
+        """Stop and start the services that the file has changed."""
+        for name in {*before.services, *self._fleet.services}:
+            if before.services.get(name) == self._fleet.services.get(name):
+                continue
+            if name in self._services:
+                self._services.pop(name)[1].cancel()
+            if name in self._fleet.services:
+                self._start_service(name)
 
     async def reload(self) -> HostStatus:
         """Read the file again. Only the robots that it changes are stopped and started."""
@@ -161,8 +172,7 @@ class Host:
             for name, (keeper, _) in self._kept.items():
                 if name not in new:
                     keeper.hurry()
-            if fleet.metrics != before.metrics:
-                self._start_metrics()
+            self._change_services(before)
             for name in new:
                 await self._kept[name][0].settled.wait()
             self._notifier.send(READY, await self._line())
@@ -183,8 +193,7 @@ class Host:
             os.getpid(),
             str(self._fleet.path),
             [rows[name] for name in sorted(rows)],
-            self._metrics.url,
-            self._metrics.problem,
+            {name: child.status for name, (child, _) in sorted(self._services.items())},
             self._ground.adapters.problem,
         )
 

@@ -34,6 +34,18 @@ class FaultOf(msgspec.Struct, frozen=True):
     text: str
 
 
+class ServiceStatus(msgspec.Struct, frozen=True):
+    """A service of the host.
+
+    Attributes:
+        address: Where it is; empty if it does not run. That of the console has its token.
+        problem: Why it does not run; empty if it does.
+    """
+
+    address: str
+    problem: str
+
+
 class HostStatus(msgspec.Struct, frozen=True):
     """The answer to an order.
 
@@ -41,8 +53,7 @@ class HostStatus(msgspec.Struct, frozen=True):
         pid: Process id of the host.
         file: Its file.
         robots: Its robots, by name.
-        metrics: The URL of its metrics; empty if it does not serve them.
-        metrics_problem: Why it serves no metrics; empty if it does, or if none are wanted.
+        services: Its services, by name: metrics, ros2, web.
         problem: Why the adapters cannot be remembered; empty if they can.
         changed: After a reload: the robots that were stopped or started.
         faults: After a reload: the faults of the file. Nothing was changed if there are any.
@@ -51,8 +62,7 @@ class HostStatus(msgspec.Struct, frozen=True):
     pid: int
     file: str
     robots: list[RobotStatus]
-    metrics: str = ""
-    metrics_problem: str = ""
+    services: dict[str, ServiceStatus] = {}
     problem: str = ""
     changed: list[str] = []
     faults: list[FaultOf] = []
