@@ -19,7 +19,11 @@ def test_a_newcomer_runs_a_policy_without_a_robot(cli: Command) -> None:
         if done.returncode == 0:
             break
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith("so101: mock: ") and done.stdout.endswith("0 refused; ended: duration\n")
+    assert (
+        done.stdout.startswith("so101: mock: ")
+        and "0 refused, " in done.stdout
+        and done.stdout.endswith("; ended: duration\n")
+    )
     assert " steps/s  newest reading " in done.stderr
 
 

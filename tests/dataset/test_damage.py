@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from strands_actors.surfaces.cli import dataset as commands
+from strands_actors.surfaces.cli import dataset_copies
 from strands_actors.surfaces.cli.errors import Problem
 from strands_actors.surfaces.dataset.compact import compact, convert
 from strands_actors.surfaces.dataset.dataset import Dataset
@@ -233,7 +234,7 @@ def test_damage_is_named_and_not_called_repaired_and_no_copy_loses_a_frame(
     assert commands.repair(recorded, drop=False, as_json=False) == 1
     output = "".join(capsys.readouterr())
     assert all(f"episode {number}" in output for number in numbers[:1])
-    assert commands.compact(recorded, tmp_path / "copy", False) == 1
+    assert dataset_copies.compact(recorded, tmp_path / "copy", False) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
     assert hashes(recorded) == before, "the damaged files are unchanged"
 

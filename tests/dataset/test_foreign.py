@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from strands_actors.surfaces.cli import dataset as commands
+from strands_actors.surfaces.cli import dataset_copies
 from strands_actors.surfaces.dataset.compact import compact, convert
 from strands_actors.surfaces.dataset.dataset import Dataset
 from strands_actors.surfaces.dataset.errors import DamagedError, DatasetError
@@ -109,7 +110,7 @@ def test_an_older_version_that_is_damaged_is_named_and_not_converted(
     with pytest.raises(DamagedError, match=f"episode {number} is damaged: .*{why}"):
         convert(root, tmp_path / "copy")
     assert sorted(tmp_path.rglob("*")) == before
-    assert commands.convert(root, tmp_path / "copy", False) == 1
+    assert dataset_copies.convert(root, tmp_path / "copy", False) == 1
 
 
 def test_each_command_refuses_the_version_that_it_does_not_write(root: Path, tmp_path: Path) -> None:

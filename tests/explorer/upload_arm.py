@@ -91,13 +91,13 @@ class UploadArm(RobotModel):
         self._all = frozenset(self._motors.values())
         speed = min(axis.speed or 0.0 for axis in driver.table)
         plant = Joints(driver.axes, speed)
-        before, controller_module.Plant = controller_module.Plant, SimpleNamespace(from_table=lambda _: plant)
+        before, controller_module.plant_of = controller_module.plant_of, lambda *_: plant
         try:
             self.controller = Controller(
                 arm_of(robot), program_start_s=PROGRAM_S, now_s=lambda: world.now_s, on_event=self._note_of_robot
             )
         finally:
-            controller_module.Plant = before
+            controller_module.plant_of = before
         self.network = TcpNetwork(world, self._accept)
         self.rng = world.rng("controller")
         self.kept: set[int] = set()  # processes that have opened the SDK

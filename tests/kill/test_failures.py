@@ -84,6 +84,7 @@ READERS = {
     "supervisors/mesh/commands.py",
     "supervisors/mesh/readings.py",
     "kernel/channels/pubsub.py",
+    "kernel/channels/ros2/graph.py",
     "drivers/common/rtps/sockets.py",
     "drivers/yahboom/twin/bridge.py",
     "drivers/rby1/twin/controller.py",

@@ -182,7 +182,7 @@ def test_a_column_of_lowerings_is_of_an_arm_that_is_lowered() -> None:
         driver_of("ur5e:lowering")
     assert driver_of("so101:lowering").fallbacks[Reason.STOP] is SafeState.LOWERED
     assert driver_of("so101").fallbacks[Reason.STOP] is SafeState.LIMP
-    assert lowering_columns() == ["koch:lowering", "so100:lowering"], "one robot of each driver"
+    assert lowering_columns() == ["koch:lowering", "openarm:lowering", "so100:lowering"], "one robot of each driver"
 
 
 def test_a_policy_is_no_victim_of_a_lowering() -> None:

@@ -16,6 +16,8 @@ from strands_actors.contract.driver import Driver
 from strands_actors.drivers import constructor_keywords, get_native_driver_class, port_kind
 from tests.answers import json_of
 
+SEVERAL_PORTS = {"bi_openarm": "can0,can1"}
+"""Ports of robots that have one for each side."""
 NATIVE = sorted(list_native_drivers())
 
 
@@ -92,22 +94,23 @@ def test_a_missing_address_has_an_example(name: str) -> None:
 
 @pytest.mark.parametrize("name", SIMULATED)
 def test_a_keyword_that_a_simulation_would_ignore_is_refused(name: str) -> None:
-    keywords = {"port": "x", "transport": "twin"} | dict.fromkeys(driver_of(name).OPTIONS, 1)
+    driver = driver_of(name)
+    keywords = {"port": "x", "transport": "twin"} | dict.fromkeys({*driver.OPTIONS} - {*driver.TWIN_OPTIONS}, 1)
     for keyword, value in keywords.items():
         text = refusal(TypeError, name, **{keyword: value})
         assert f"a simulation of {name} would ignore {keyword}=" in text
         assert "Add mode='real'" in text
 
 
+def a_port(name: str) -> str:
+    return driver_of(name).PORT_LIKE if port_kind(name) == "address" else "/dev/no-such-port"
+
+
 @pytest.mark.parametrize("name", NATIVE)
 def test_a_robot_that_was_never_connected_answers_and_touches_nothing(name: str) -> None:
     # a program on the robot's own computer needs no port
     boards = port_kind(name) == "serial" and driver_of(name).PORT_OPTIONAL
-    port = (
-        {}
-        if boards
-        else {"port": driver_of(name).PORT_LIKE if port_kind(name) == "address" else "/dev/no-such-port"}
-    )
+    port = {} if boards else {"port": SEVERAL_PORTS.get(name) or a_port(name)}
     robot = Robot(name, mode="real", **port)
     task = json_of(robot.get_task_status())
     assert (task["running"], task["steps"]) == (False, 0)

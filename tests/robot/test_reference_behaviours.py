@@ -277,4 +277,4 @@ def test_every_robot_that_strands_robots_knows_is_known_here() -> None:
         ValueError, match=r"aloha has no native driver. To simulate it, register a model: register_robot"
     ):
         Robot("aloha")
-    assert resolve_driver("openarm") == "lerobot"
+    assert resolve_driver("openarm") == "strands"

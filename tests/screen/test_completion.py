@@ -23,7 +23,7 @@ def completed(cli: Command, line: str) -> list[str]:
 
 
 def test_commands_and_kinds_of_robot(cli: Command) -> None:
-    assert completed(cli, "strands-actors do") == ["doctor"]
+    assert completed(cli, "strands-actors do") == ["doctor", "down"]
     assert {"stop"} <= set(completed(cli, "strands-actors st"))
     assert completed(cli, "strands-actors twin so1") == ["so100", "so101"]
 

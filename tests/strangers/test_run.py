@@ -89,7 +89,7 @@ PAN = {"shoulder_pan": 200 / 4096 * 6.2832}
     ("program", "verdict", "reason"),
     [
         (Program(file="moves.py", moves=("shoulder_pan",)), Verdict.MOVED, ""),
-        (Program(file="moves.py", reaches=PAN), Verdict.MOVED, ""),
+        (Program(file="moves.py", reaches=PAN), Verdict.REACHED, ""),
         (Program(file="moves.py", reaches={"shoulder_pan": -0.3}), Verdict.ELSEWHERE, "sent to -0.3"),
         (Program(file="says_done.py", moves=("shoulder_pan",)), Verdict.NOTHING, "shoulder_pan did not move"),
         (Program(file="reads.py"), Verdict.RAN, ""),

@@ -199,7 +199,8 @@ def test_the_frames_of_an_arm_are_those_of_its_table() -> None:
     radians = positions_of(degrees, dict.fromkeys(degrees, (0.0, math.degrees(1.0))))
     frames = {frame.name: frame for frame in model.frames({**radians, "no joint": 1.0})}
     for row in rows:
-        assert row.joint is not None
+        if row.joint is None:  # a finger that is fixed to the hand
+            continue
         turn, expected = np.empty(4), np.empty(4)
         mujoco.mju_axisAngle2Quat(turn, np.array(row.axis), radians[row.joint])
         mujoco.mju_mulQuat(expected, np.array(row.quat), turn)

@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.ur.arms import JOINTS, TABLES, Arm, arm_of
-from strands_actors.drivers.ur.twin.model import HOME_RAD, model_table
+from strands_actors.drivers.ur.twin.model import HOME_RAD, plant_of
 
 ROBOTS = ("ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur8long", "ur15", "ur18", "ur20", "ur30")
 
@@ -42,7 +41,7 @@ def test_all_models_are_there() -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_twin_has_the_kinematics_of_the_row(robot: str) -> None:
     arm = arm_of(robot)
-    plant = Plant.from_table(model_table(arm))
+    plant = plant_of(arm)
     chance = random.Random(robot)
     for _ in range(10):
         radians = [chance.uniform(-3, 3) for _ in JOINTS]
@@ -73,7 +72,7 @@ def test_a_row_is_whole_and_plausible(robot: str) -> None:
 
 def test_the_twin_holds_its_own_weight_and_keeps_to_its_speed() -> None:
     arm = arm_of("ur20")
-    plant = Plant.from_table(model_table(arm))
+    plant = plant_of(arm)
     for joint in range(6):
         plant.set_torque(joint, True)
     for tick in range(50):

@@ -212,7 +212,7 @@ def test_transports_are_the_drivers_own_and_the_twin() -> None:
         "192.0.2.1",
         None,
     )
-    on_robot = plan("yahboom_m3pro", "real", transport="ros2", port="ignored")
+    on_robot = plan("yahboom_m3pro", "real", transport="ros2", port="tcp/192.0.2.10:7447")
     assert (on_robot.options["transport"], on_robot.twin_process) == ("ros2", None)
     assert plan("yahboom_m3pro", "real", transport="twin").options["transport"] == "rosbridge"
     assert plan("yahboom_m3pro", "real").port == "", "without a port the robot's rosbridge is used"
