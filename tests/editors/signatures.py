@@ -208,6 +208,9 @@ def overloads(function: str, known: list[Kind], returns: Mapping[str, str]) -> I
     lerobots = [*factory_keywords((*OF_SIMULATIONS, "driver"), {"transport": "None"}), "**fields: Any"]
     yield one("LeRobotName", real, ['driver: Literal["auto", "lerobot"] = "auto"', *lerobots], returns["real"])
     yield one("str", real, ['driver: Literal["lerobot"]', *lerobots], returns["real"])
+    # A robot of the user's own, which only its table describes.
+    described_by = ['driver: Literal["auto", "strands", "ros2"] = "auto"', "table: str | Mapping[str, Any]"]
+    yield one("str", real, [*described_by, *lerobots], returns["real"])
     yield one("str", real, factory_keywords(OF_SIMULATIONS, {**ours, "transport": anything}), returns["real"])
     for kind in known:
         handle = returns.get(f"sim {kind.name}")

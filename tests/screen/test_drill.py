@@ -58,6 +58,7 @@ STEPS = {
     "spot": WITH_POLICY,
     "stretch3": WITH_POLICY,
     "booster_t1": WITHOUT,
+    "openarm": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -129,7 +129,7 @@ def test_the_command_prints_records_and_fails_if_a_program_was_told_done_for_not
     code = command.main(["--page", "--keep", str(keep)], [*table, absent], record)
     assert code == 1
     printed = capsys.readouterr().out
-    assert "Of these 1 left the body where the program sends it" in printed
+    assert "Of these 0 left the body where the program sends it, 0 moved it" in printed
     assert '1 were told "done" for nothing. 1 more were not run' in printed
     verdicts = [each["verdict"] for each in page.read(record)["programs"]]
     assert verdicts == ["ran", "done for nothing", "not run"]

@@ -1316,6 +1316,16 @@ def Robot(
 ) -> RealRobot: ...
 @overload
 def Robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands", "ros2"] = "auto",
+    table: str | Mapping[str, Any], port: str | os.PathLike[str] | None = None, transport: None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> RealRobot: ...
+@overload
+def Robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None,
     transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
@@ -1830,6 +1840,16 @@ def open_robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
     id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands", "ros2"] = "auto",
+    table: str | Mapping[str, Any], port: str | os.PathLike[str] | None = None, transport: None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,

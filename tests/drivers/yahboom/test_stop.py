@@ -33,7 +33,7 @@ def test_saf_005_a_stop_is_zero_three_times_and_confirmed_by_newer_odometry() ->
                 "zero is sent at once, on the connection of the setpoint"
             )
             assert world.kinds("safe").count("safe") >= TIMES
-            assert world.twin.mechanism.runs == m.REST, "the base stands when the stop is confirmed"
+            assert max(map(abs, world.twin.mechanism.runs)) < 1e-9, "the base stands when the stop is confirmed"
 
     virtual(test)
 
