@@ -1,6 +1,6 @@
 """The services that a host runs beside its robots, each in a process that ends with the host.
 
-A process sends lines to the host: the address of its service, or after ``!`` the reason why it does not run.
+A process sends lines to the host: the address of its service, or after ``!`` the reason of its failure.
 """
 
 from __future__ import annotations
