@@ -77,7 +77,7 @@ def ros2(arguments: dict[str, Any], sock: socket.socket) -> None:
 
 
 def _run(name: str, extra: str, arguments: Mapping[str, Any], sock: socket.socket, serve: Serve) -> None:
-    """Serve until the host ends. ``extra`` names the packages that the service needs; empty for none."""
+    """Serve until the host ends. ``extra`` names the packages that the service needs, and may be empty."""
     take_name("host", name, arguments["label"])
 
     async def outlive_host() -> None:
