@@ -227,15 +227,20 @@ class StreamServer(TwinServer):
                 await self._frost.thawed()
                 if listener.fileno() >= 0:
                     sock, _ = listener.accept()
-                    nursery.start_soon(self._attend, sock, self._handlers[index])
+                    # It counts as connected before its task runs. Otherwise a cable that is pulled in between
+                    # would leave it open.
+                    nursery.start_soon(self._attend, self._connect(sock), self._handlers[index])
 
-    async def _attend(self, sock: socket.socket, handler: Handler) -> None:
+    def _connect(self, sock: socket.socket) -> Connection:
         sock.setblocking(False)
         if sock.family != socket.AF_UNIX:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(sock, self._log, self._frost)
         connection.set_delay(self._lateness)
         self._connections.add(connection)
+        return connection
+
+    async def _attend(self, connection: Connection, handler: Handler) -> None:
         try:
             await handler(connection)
         except* ClientGone:
