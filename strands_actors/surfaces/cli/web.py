@@ -90,9 +90,7 @@ async def _serve(choice: Choice, mesh: Path | None, as_json: bool) -> None:
 
     async with mesh_until_signal(mesh) as client:
         try:
-            await serve(
-                client, configuration(mesh), choice.port, lan, data_dir() / "console" / "poses.json", on_serving
-            )
+            await serve(client, configuration(mesh), choice.port, lan, on_serving)
         except CannotListen as reason:
             raise Problem(f"web: {reason}. Give another --port") from reason
 

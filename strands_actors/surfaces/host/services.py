@@ -13,7 +13,6 @@ from typing import Any
 import trio
 
 from strands_actors.caller.processes.background import open_background
-from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.contract.extras import MissingExtra, require
 from strands_actors.kernel.processes.identity import take_name
 from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
@@ -43,9 +42,8 @@ def web(arguments: dict[str, Any], sock: socket.socket) -> None:
     async def serve_console(client: MeshClient, on_serving: Callable[[str], None]) -> None:
         from strands_actors.surfaces.web.serving import CannotListen, serve
 
-        poses = data_dir() / "console" / "poses.json"
         try:
-            await serve(client, MeshConfig(), arguments["port"], None, poses, lambda now: on_serving(now.url))
+            await serve(client, MeshConfig(), arguments["port"], None, lambda serving: on_serving(serving.url))
         except CannotListen as reason:
             raise OSError(str(reason)) from reason
 

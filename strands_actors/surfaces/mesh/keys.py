@@ -84,6 +84,29 @@ def make(
     return made
 
 
+def make_own(directory: Path, host: str, days: int) -> x509.Certificate:
+    """Write a certificate for a server at one address, which is signed by itself, and its key. Return it.
+
+    Earlier files for this address are replaced.
+
+    Args:
+        directory: The folder for the files.
+        host: Name or address of the server.
+        days: Validity in days.
+    """
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    (directory / f"{host}.key").unlink(missing_ok=True)
+    key = ec.generate_private_key(ec.SECP256R1())
+    end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
+    certificate = (
+        _builder(_name(host), _name(host), key, end)
+        .add_extension(x509.SubjectAlternativeName([_alternative(host)]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    _write(directory, host, certificate, key)
+    return certificate
+
+
 def _read_authority(certificate: Path, key: Path) -> tuple[x509.Certificate, _Key]:
     try:
         private_key = serialization.load_pem_private_key(key.read_bytes(), None)

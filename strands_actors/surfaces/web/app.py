@@ -171,11 +171,11 @@ class Console:
             if isinstance(secret, Denied):
                 return _denied(secret)
             return self._let_in(request, secret, request.query_params.get("robot", ""))
-        session = self._access.session_of(visit_of(request.scope))
+        visit = visit_of(request.scope)
+        session = self._access.session_of(visit)
         if isinstance(session, Denied):
             return RedirectResponse("/pair", 303) if self._pairing_url else _denied(session)
-        visit = visit_of(request.scope)
-        facts = {"role": session.role, "estop": self._estop_url(visit.scheme, visit.host), "id": session.id}
+        facts = {"role": session.role, "estop": self._estop_url(visit.scheme, visit.host)}
         return HTMLResponse(_page("index.html").replace("{{facts}}", _attribute(facts)))
 
     async def _pair_page(self, request: Request) -> Response:
@@ -315,7 +315,7 @@ class Console:
     # -- devices
 
     async def _devices(self, request: Request, session: Session) -> dict[str, Any]:
-        return {"devices": self._access.sessions(), "own": session.id, "others": bool(self._pairing_url)}
+        return {"devices": self._access.sessions(), "own": session.id}
 
     async def _offer(self, request: Request, session: Session) -> dict[str, Any]:
         order = await _body(request, OfferOrder)

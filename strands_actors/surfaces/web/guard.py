@@ -6,7 +6,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .access import Access, Denied, Visit
+from .access import Access, Session, Visit
 
 OPEN_PATHS = ("/", "/pair")
 """Pages that check the visitor themselves: where a browser without a session is let in."""
@@ -52,13 +52,13 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        denied = self._access.refuse_sender(visit)
-        if denied is None and scope["path"] not in OPEN_PATHS:
-            session = self._access.session_of(visit)
-            if isinstance(session, Denied):
-                denied = session
-            else:
-                scope.setdefault("state", {})["session"] = session
+        if scope["path"] in OPEN_PATHS:
+            denied = self._access.refuse_sender(visit)
+        elif isinstance(session := self._access.session_of(visit), Session):
+            denied = None
+            scope.setdefault("state", {})["session"] = session
+        else:
+            denied = session
         if denied is None:
             await self._app(scope, receive, send_guarded)
         elif visit.is_websocket:

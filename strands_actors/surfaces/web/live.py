@@ -88,7 +88,6 @@ class Conversation:
         self._robots = robots
         self._access = access
         self._session = session
-        self._sending = trio.Lock()
         self._robot = ""
         self._seat: Seat | None = None
         self._seat_scope = trio.CancelScope()
@@ -133,7 +132,7 @@ class Conversation:
             self._notes.append({"type": "axes", "robot": robot, "axes": {}, "reason": features.text})
             return
         described = features.get("axes", {})
-        self._notes.append({"type": "axes", "robot": robot, "axes": described, "unit": features.get("unit", "")})
+        self._notes.append({"type": "axes", "robot": robot, "axes": described})
         if self._session.role is Role.OPERATOR:
             await self._nursery.start(
                 self._sit, robot, tuple(axis_of(key, each) for key, each in described.items())
@@ -172,11 +171,9 @@ class Conversation:
     async def _show_robot(self, robot: Watched) -> None:
         if robot.viewer.readings != self._shown_count and robot.joints is not None:
             if self._shown_count == 0 or robot.viewer.readings % 10 == 0:
-                await self._send({"type": "facts", "robot": robot.name, **facts_of(robot)})
+                await self._send({"type": "facts", "robot": robot.name, "topics": robot.topics})
             self._shown_count = robot.viewer.readings
-            state = robot.viewer.state
-            last_stop = None if state is None else state.last_stop
-            await self._send({"type": "reading", "reading": robot.joints, "last_stop": last_stop})
+            await self._send({"type": "reading", "reading": robot.joints})
         new = robot.event_count - self._shown_events
         if new:
             self._shown_events = robot.event_count
@@ -185,10 +182,4 @@ class Conversation:
 
     async def _send(self, message: dict[str, Any]) -> None:
         with trio.fail_after(SEND_S):
-            async with self._sending:
-                await self._socket.send_text(_encode(message).decode())
-
-
-def facts_of(robot: Watched) -> dict[str, Any]:
-    """Return what changes seldom: ``presence``, ``health`` and the sensors, as the robot publishes them."""
-    return {"topics": robot.topics, "summary": robot.summary()}
+            await self._socket.send_text(_encode(message).decode())

@@ -8,10 +8,17 @@ from pathlib import Path
 
 import msgspec
 
+from strands_actors.caller.processes.run_directory import data_dir
+
 MOST_POSES = 50
 MAX_NAME = 40
 
 _Pose = dict[str, float]
+
+
+def poses_file() -> Path:
+    """Return the file of this user's poses."""
+    return data_dir() / "console" / "poses.json"
 
 
 class BadPoses(Exception):

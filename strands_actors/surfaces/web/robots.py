@@ -17,12 +17,10 @@ from strands_actors.surfaces.view.events import Event
 from strands_actors.surfaces.view.model import Frame, RobotModel
 from strands_actors.surfaces.view.samples import Task
 from strands_actors.surfaces.view.sinks import Reading
-from strands_actors.surfaces.view.viewer import Viewer
+from strands_actors.surfaces.view.viewer import SILENT_S, Viewer
 
 MOST_EVENTS = 100
 """Number of events that are kept of each robot."""
-SILENT_S = 1.0
-"""After so long without a sample, in seconds, a robot counts as silent. It sends ten a second."""
 FORGET_S = 3600.0
 """After so long without a sample, in seconds, a robot is forgotten."""
 

@@ -81,7 +81,6 @@ class Seat:
         self._machine = Machine(axes, Kind.JOG)
         self._lateness = Lateness()
         self._frame = _NO_FRAME
-        self._rates: dict[str, float] = {}
         self._pressed = trio.Event()
 
     def operate(self, held: bool, at_ms: float, rates: Mapping[str, float]) -> None:
@@ -93,8 +92,8 @@ class Seat:
             rates: Speed by axis, as a share (-1 to 1) of the axis' speed for jogging.
         """
         now_ns = self._now_ns()
-        self._rates = {key: rate for key, rate in rates.items() if finite(rate) is not None}
-        self._frame = Frame(now_ns - self._lateness.of(at_ms, now_ns), held, self._rates)
+        shares = {key: rate for key, rate in rates.items() if finite(rate) is not None}
+        self._frame = Frame(now_ns - self._lateness.of(at_ms, now_ns), held, shares)
         if self._machine.state is State.IDLE and self._machine.step(self._frame, now_ns).engage:
             self._pressed.set()
 
@@ -142,7 +141,7 @@ class Seat:
 
     def _filled(self, start: Mapping[str, float]) -> Frame:
         """Return the newest message, with a speed for each axis. Axes that the page does not name stand still."""
-        return self._frame._replace(values={key: self._rates.get(key, 0.0) for key in start})
+        return self._frame._replace(values={key: self._frame.values.get(key, 0.0) for key in start})
 
 
 def axis_of(key: str, described: Mapping[str, Any]) -> Axis:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
@@ -30,7 +29,7 @@ from .app import Console
 from .certificates import Certificate
 from .estop_page import Press, estop_app
 from .guard import Guard
-from .poses import Poses
+from .poses import Poses, poses_file
 from .robots import Robots
 
 LOOPBACK = "127.0.0.1"
@@ -109,7 +108,6 @@ async def serve(
     config: MeshConfig,
     port: int,
     lan: Lan | None,
-    poses: Path,
     on_serving: Callable[[Serving], None],
 ) -> None:
     """Serve the console until cancelled.
@@ -119,7 +117,6 @@ async def serve(
         config: The configuration of the mesh.
         port: Port of the console. The e-stop gets the next one, other devices the two after it. 0: free ones.
         lan: Serve other devices, too; None for this computer only.
-        poses: The file of stored poses.
         on_serving: Called with the addresses once the server listens.
 
     Raises:
@@ -141,7 +138,7 @@ async def serve(
         pairing = f"{pages[1].origins[0]}/pair" if lan is not None else ""
         fingerprint = lan.certificate.fingerprint if lan is not None else ""
         estop_of = functools.partial(_beside, pages, stops)
-        console = Console(client, config, robots, Poses(poses), access, estop_of, pairing, fingerprint)
+        console = Console(client, config, robots, Poses(poses_file()), access, estop_of, pairing, fingerprint)
         policy = CONSOLE_POLICY.format(estop=" ".join(origin for door in stops for origin in door.origins))
         async with open_background() as nursery:
             nursery.start_soon(_keep_looking, robots)

@@ -101,7 +101,7 @@ function receive(message) {
     return
   }
   if (!ours || (message.robot ?? message.reading?.robot) !== view.name) return
-  if (message.type === "axes") view.setAxes(message.axes, message.unit, message.reason)
+  if (message.type === "axes") view.setAxes(message.axes, message.reason)
   if (message.type === "facts") view.setFacts(message.topics)
   if (message.type === "reading") view.reading(message.reading)
   if (message.type === "events") view.happened(message.events)

@@ -106,7 +106,7 @@ export class RobotView {
       battery: robot.battery == null ? "" : `${Math.round(robot.battery)} %`, "last refusal": robot.last_refusal})
   }
 
-  setAxes(axes, unit, reason) {
+  setAxes(axes, reason) {
     this.axes = axes
     this.hasAxes = true
     this.table.replaceChildren()

@@ -88,9 +88,7 @@ export class RobotScene {
     this.camera.up.set(0, 0, 1)
     this.controls = new OrbitControls(this.camera, canvas)
     this.controls.addEventListener("change", () => this.wake())
-    this.units = {}
     this.goal = new Map()
-    this.frames = 0
     this.sizes = new ResizeObserver(() => this.resize())
     this.sizes.observe(canvas.parentElement)
     this.ended = false
@@ -160,7 +158,6 @@ export class RobotScene {
     }
     this.measured?.pose()
     this.renderer.render(this.scene, this.camera)
-    this.frames += 1
     if (moves) this.wake()
   }
 
