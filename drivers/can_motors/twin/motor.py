@@ -160,9 +160,22 @@ class SimMotor(ABC):
             self.commanded = SafeState.HOLD if held else "setpoint"
         return ("setpoint" if self.commanded == "setpoint" else "safe"), self.commanded
 
-    def limp(self) -> tuple[str, str]:
+    def enable(self) -> None:
+        """Take torque, unless a fault is latched."""
+        if self.state is State.DISABLED:
+            self.switch(State.ENABLED)
+
+    def disable(self) -> tuple[str, str]:
+        """Give the torque up. A latched fault stays. Return kind and state for the log."""
         self.commanded = SafeState.LIMP
+        if self.state is State.ENABLED:
+            self.switch(State.DISABLED)
         return "safe", self.commanded
+
+    def clear(self) -> None:
+        """Clear a latched fault. A motor with torque keeps it."""
+        if self.state is not State.ENABLED:
+            self.switch(State.DISABLED)
 
 
 DAMIAO_COMMANDS: Modelled[int] = Modelled(
@@ -249,13 +262,11 @@ class SimDamiao(SimMotor):
         if data[:7] == b"\xff" * 7 and data[7] in DAMIAO_COMMANDS:
             if data[7] == Damiao.ENABLE:
                 kind = "enable"
-                if self.state is State.DISABLED:
-                    self.switch(State.ENABLED)
+                self.enable()
             elif data[7] == Damiao.DISABLE:
-                kind, commanded = self.limp()
-                self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
+                kind, commanded = self.disable()
             elif data[7] == Damiao.CLEAR:
-                self.switch(State.DISABLED if self.state is not State.ENABLED else self.state)
+                self.clear()
                 kind = "config"
             elif data[7] == ZERO:
                 self.zero_rad += self.reading()[0]
@@ -310,14 +321,12 @@ class SimRobStride(SimMotor):
                 label, commanded = self.drive(q, dq, frame.id >> 8 & 0xFFFF, kp, kd, RobStride.BITS)
             case RobStride.ENABLE:
                 label = "enable"
-                if self.state is State.DISABLED:
-                    self.switch(State.ENABLED)
+                self.enable()
             case RobStride.DISABLE if data[0]:
                 label = "config"
                 self.switch(State.DISABLED)
             case RobStride.DISABLE:
-                label, commanded = self.limp()
-                self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
+                label, commanded = self.disable()
             case RobStride.READ:
                 return self._read(frame, int.from_bytes(data[:2], "little"))
             case RobStride.WRITE:
@@ -342,14 +351,12 @@ class SimRobStride(SimMotor):
         if data[:7] == b"\xff" * 7 and data[7] in ROBSTRIDE_MIT:
             if data[7] == Damiao.ENABLE:
                 kind = "enable"
-                if self.state is State.DISABLED:
-                    self.switch(State.ENABLED)
+                self.enable()
             elif data[7] == Damiao.DISABLE:
-                kind, commanded = self.limp()
-                self.switch(State.DISABLED if self.state is State.ENABLED else self.state)
+                kind, commanded = self.disable()
             else:
                 kind = "read"
-                self.switch(self.state if self.state is State.ENABLED else State.DISABLED)
+                self.clear()
         elif data[:6] != b"\xff" * 6:
             kind, commanded = self.drive(*mit_numbers(data), Damiao.BITS)
         q, dq, tau = self.codes(Damiao.BITS)

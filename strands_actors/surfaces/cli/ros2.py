@@ -9,14 +9,12 @@ from pathlib import Path
 
 import trio
 
-from strands_actors.kernel.channels.ros2.names import Dialect, is_namespace
+from strands_actors.kernel.channels.ros2.names import Dialect, problem_of
 from strands_actors.surfaces.mesh.client import open_mesh
 from strands_actors.surfaces.ros2.bridge import Options, open_bridge
 
 from .errors import Problem
 from .orders import configuration
-
-_ENDPOINTS = ("tcp/", "unixsock-stream/")
 
 
 def ros2(
@@ -45,10 +43,8 @@ def ros2(
         Problem: An argument is wrong.
     """
     namespace = namespace.rstrip("/")
-    if not is_namespace(namespace):
-        raise Problem(f"ros2: {namespace!r} is no namespace of ROS. Give letters, digits and _, such as /lab")
-    if not router.startswith(_ENDPOINTS):
-        raise Problem(f"ros2: {router!r} is no endpoint of a router. Give one such as tcp/localhost:7447")
+    if problem := problem_of(namespace, router):
+        raise Problem(f"ros2: {problem}")
     options = Options(tuple(robots), namespace, Dialect(domain, hashed), router, allow_motion)
     trio.run(_serve, options, mesh, _printer(as_json))
 

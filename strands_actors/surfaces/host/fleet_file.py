@@ -26,6 +26,7 @@ from strands_actors.caller.processes.port_claim import port_identity
 from strands_actors.caller.resolve.wanted import TOOL_NAMES, is_tool_name
 from strands_actors.contract.loading import load
 from strands_actors.contract.shown import closest, shown
+from strands_actors.kernel.channels.ros2.names import problem_of
 from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of
 from strands_actors.surfaces.mesh.config import MeshConfig
 
@@ -55,8 +56,8 @@ class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The options of the ROS 2 bridge, as ``strands-actors ros2`` has them."""
 
     domain: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0
-    namespace: Annotated[str, msgspec.Meta(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)*\Z")] = ""
-    router: Annotated[str, msgspec.Meta(pattern=r"^(tcp|unixsock-stream)/.")] = "tcp/localhost:7447"
+    namespace: str = ""
+    router: str = "tcp/localhost:7447"
     humble: bool = False
     allow_motion: bool = False
 
@@ -167,6 +168,8 @@ class _Reader:
             except msgspec.ValidationError as error:
                 self._fault(("host", "ros2"), f"ros2: {error}. Give true, false, or a table with {ROS2_KEYS}")
             else:
+                if problem := problem_of(options.namespace, options.router):
+                    self._fault(("host", "ros2"), f"ros2: {problem}")
                 services["ros2"] = {"options": list(msgspec.structs.astuple(options))}
         return services
 

@@ -165,6 +165,24 @@ def ros_name(name: str) -> str:
     return f"_{plain}" if _FIRST.match(plain) or not plain else plain
 
 
+ENDPOINTS = ("tcp/", "unixsock-stream/")
+"""How the endpoint of a graph's router begins."""
+
+
+def problem_of(namespace: str, router: str) -> str:
+    """Return what is wrong with the options of a program on a graph, and the remedy; empty if nothing is.
+
+    Args:
+        namespace: The namespace of its nodes.
+        router: The endpoint of the graph's zenoh router.
+    """
+    if not is_namespace(namespace):
+        return f"{namespace!r} is no namespace of ROS. Give letters, digits and _, such as /lab"
+    if not router.startswith(ENDPOINTS):
+        return f"{router!r} is no endpoint of a router. Give one such as tcp/localhost:7447"
+    return ""
+
+
 def is_namespace(text: str) -> bool:
     """Return True for an empty text, and for names of ROS with a slash in front of each."""
     return not text or (text[0] == "/" and all(_ROS_NAME.match(part) for part in text[1:].split("/")))
