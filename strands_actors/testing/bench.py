@@ -230,6 +230,11 @@ class Bench:
         if self._host is not None:
             self._host.end()
             self._host = None
+        # A caller that ended before its robot moved has not reported the processes of its robot. Its root would try
+        # for a minute to stop a simulated robot that is gone.
+        for pid in self.processes():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
     def moving(self, motion: str, extras: frozenset[str] = frozenset()) -> Caller:
         """Return a caller that moves its robot. It is the present caller or a new one.
