@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import base64
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -21,40 +22,27 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Command, Name, SetJoints, Start, is_name
 from strands_actors.surfaces.mesh.client import BEGIN_S, MeshClient
 from strands_actors.surfaces.mesh.config import MeshConfig
-from strands_actors.surfaces.mesh.outcome import SAFE, Outcome
 from strands_actors.surfaces.view.model import NoModel
 from strands_actors.surfaces.view.watch import PRESENCE_S
 
 from .access import Access, Denied, Role, Session
+from .answers import Bad, body, of_answer, of_outcome, order, read, robot_of, sender, text
 from .guard import visit_of
 from .live import Conversation
 from .pictures import MEDIA_TYPE, pictures
-from .poses import BadPoses, Poses
+from .poses import Poses
 from .robots import Robots
 from .scene import Scenes
 from .seat import Hands
 
-MAX_BODY = 16 * 1024
 MAX_DEVICE = 80
 ORDER_S = 0.5
 """An order to move that has not reached the robot within this time is not carried out."""
-FILES = {
-    "console.css": "text/css",
-    "console.js": "text/javascript",
-    "fleet.js": "text/javascript",
-    "robot.js": "text/javascript",
-    "scene.js": "text/javascript",
-    "plots.js": "text/javascript",
-    "devices.js": "text/javascript",
-    "dom.js": "text/javascript",
-    "vendor.js": "text/javascript",
-    "uplot.css": "text/css",
-}
-"""The files of the page, and their types. Nothing else is ever served."""
+TYPES = {".css": "text/css", ".js": "text/javascript"}
+"""The types of the page's files. No other file is ever served."""
 
 
 class PoseOrder(msgspec.Struct, forbid_unknown_fields=True):
@@ -88,14 +76,6 @@ class RevokeOrder(msgspec.Struct, forbid_unknown_fields=True):
     """End the session of a device."""
 
     id: str
-
-
-class Bad(Exception):
-    """A request cannot be carried out. The text has the reason for the person."""
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
 
 
 class Console:
@@ -136,7 +116,6 @@ class Console:
 
     def app(self) -> Starlette:
         """Return the ASGI application, without its ``Guard``."""
-        order = self._order
         return Starlette(
             routes=[
                 Route("/", self._home),
@@ -186,9 +165,9 @@ class Console:
     async def _pair(self, request: Request) -> Response:
         """Let a device in for the code in the form of the page."""
         try:
-            fields = parse_qs((await _read(request)).decode())
+            fields = parse_qs((await read(request)).decode())
         except (Bad, ValueError) as error:
-            return _text(400, f"The form cannot be read: {error}")
+            return text(400, f"The form cannot be read: {error}")
         secret = self._access.redeem(fields.get("code", [""])[0], _device(request), time.time())
         return _denied(secret) if isinstance(secret, Denied) else self._let_in(request, secret)
 
@@ -204,12 +183,12 @@ class Console:
 
     async def _file(self, request: Request) -> Response:
         file = request.path_params["file"]
-        if file not in FILES:
-            return _text(404, "There is no such file.")
+        if file not in _FILES:
+            return text(404, "There is no such file.")
         content = resources.files(__package__).joinpath("page", file).read_bytes()
         # The vendor's file is large, and changes only with a new version of this package.
         cached = {"Cache-Control": "private, max-age=3600"} if file == "vendor.js" else None
-        return Response(content, media_type=FILES[file], headers=cached)
+        return Response(content, media_type=TYPES[Path(file).suffix], headers=cached)
 
     async def _live(self, socket: WebSocket) -> None:
         session: Session = socket.state.session
@@ -219,69 +198,51 @@ class Console:
     async def _scene(self, request: Request) -> Response:
         robot = self._robots.get(request.path_params["robot"])
         if robot is None:
-            return _text(404, "There is no such robot.")
+            return text(404, "There is no such robot.")
         with trio.move_on_after(PRESENCE_S):
             await robot.viewer.identified.wait()
         presence = robot.viewer.presence
         if presence is None:
-            return _text(404, "The robot has not published its type.")
+            return text(404, "The robot has not published its type.")
         try:
             return Response(await self._scenes.get(presence.hw), media_type="application/octet-stream")
         except NoModel as reason:
-            return _text(404, str(reason))
+            return text(404, str(reason))
 
     async def _camera(self, request: Request) -> Response:
         robot, camera = request.path_params["robot"], request.path_params["camera"]
         if not (is_name(robot) and is_name(camera)):
-            return _text(404, "There is no such camera.")
+            return text(404, "There is no such camera.")
         return StreamingResponse(pictures(self._config, robot, camera), media_type=MEDIA_TYPE)
 
     # -- orders
 
-    def _order(
-        self, carry_out: Callable[[Request, Session], Awaitable[Any]], role: Role
-    ) -> Callable[[Request], Awaitable[Response]]:
-        """Return a handler that checks the visitor's role, and answers with JSON."""
-
-        async def handle(request: Request) -> Response:
-            session: Session = request.state.session
-            if role is Role.OPERATOR and session.role is not Role.OPERATOR:
-                return _text(403, "This device may look and stop. Only an operator may do this.")
-            try:
-                return _json(await carry_out(request, session))
-            except Bad as bad:
-                return _text(bad.status, str(bad))
-            except BadPoses as bad:
-                return _text(409, str(bad))
-
-        return handle
-
     async def _stop(self, request: Request, session: Session) -> dict[str, Any]:
-        return _outcome(await self._client.stop(_robot(request), _by(session)))
+        return of_outcome(await self._client.stop(robot_of(request), sender(session)))
 
     async def _estop(self, request: Request, session: Session) -> dict[str, Any]:
-        robot = _robot(request)
-        (outcome, *_) = await self._client.estop(_by(session), robot=robot)
-        return _outcome(outcome)
+        robot = robot_of(request)
+        (outcome, *_) = await self._client.estop(sender(session), robot=robot)
+        return of_outcome(outcome)
 
     async def _resume(self, request: Request, session: Session) -> dict[str, Any]:
-        return _answer(await self._client.resume(_robot(request), _by(session)))
+        return of_answer(await self._client.resume(robot_of(request), sender(session)))
 
     async def _pose(self, request: Request, session: Session) -> dict[str, Any]:
-        order = await _body(request, PoseOrder)
+        order = await body(request, PoseOrder)
         return await self._dated(
-            _robot(request),
+            robot_of(request),
             lambda clock, deadline_ns: SetJoints(
                 clock=clock, deadline_ns=deadline_ns, target_joints=order.targets, duration=order.duration
             ),
         )
 
     async def _poses_of(self, request: Request, session: Session) -> dict[str, Any]:
-        return {"poses": self._poses.of(_robot(request))}
+        return {"poses": self._poses.of(robot_of(request))}
 
     async def _store(self, request: Request, session: Session) -> dict[str, Any]:
         """Store where the robot is now."""
-        order, robot = await _body(request, PoseName), _robot(request)
+        order, robot = await body(request, PoseName), robot_of(request)
         watched = self._robots.get(robot)
         reading = watched.joints if watched is not None else None
         joints = {} if reading is None else {each.name: each.measured for each in reading.joints}
@@ -292,14 +253,14 @@ class Console:
         return {"poses": self._poses.of(robot)}
 
     async def _remove(self, request: Request, session: Session) -> dict[str, Any]:
-        order, robot = await _body(request, PoseName), _robot(request)
+        order, robot = await body(request, PoseName), robot_of(request)
         self._poses.remove(robot, order.name)
         return {"poses": self._poses.of(robot)}
 
     async def _policy(self, request: Request, session: Session) -> dict[str, Any]:
-        order = await _body(request, PolicyOrder)
+        order = await body(request, PolicyOrder)
         return await self._dated(
-            _robot(request),
+            robot_of(request),
             lambda clock, deadline_ns: Start(
                 clock=clock,
                 deadline_ns=deadline_ns,
@@ -310,7 +271,7 @@ class Console:
         )
 
     async def _dated(self, robot: Name, make: Callable[[str, int], Command]) -> dict[str, Any]:
-        return _answer(await self._client.dated(robot, make, ORDER_S, BEGIN_S))
+        return of_answer(await self._client.dated(robot, make, ORDER_S, BEGIN_S))
 
     # -- devices
 
@@ -318,7 +279,7 @@ class Console:
         return {"devices": self._access.sessions(), "own": session.id}
 
     async def _offer(self, request: Request, session: Session) -> dict[str, Any]:
-        order = await _body(request, OfferOrder)
+        order = await body(request, OfferOrder)
         if not self._pairing_url:
             raise Bad(409, "This server is only for this computer. Start it with --lan to let other devices in.")
         from .qr import qr_svg
@@ -329,10 +290,15 @@ class Console:
         return {"code": code, "url": self._pairing_url, "picture": picture, "fingerprint": self._fingerprint}
 
     async def _revoke(self, request: Request, session: Session) -> dict[str, Any]:
-        order = await _body(request, RevokeOrder)
+        order = await body(request, RevokeOrder)
         if not self._access.revoke(order.id):
             raise Bad(404, "This device is gone already.")
         return {"ok": True}
+
+
+_FILES = frozenset(
+    file.name for file in resources.files(__package__).joinpath("page").iterdir() if Path(file.name).suffix in TYPES
+)
 
 
 def _page(file: str) -> str:
@@ -349,52 +315,5 @@ def _device(request: Request) -> str:
     return request.headers.get("user-agent", "a browser")[:MAX_DEVICE]
 
 
-def _robot(request: Request) -> str:
-    robot: str = request.path_params["robot"]
-    if not is_name(robot):
-        raise Bad(404, "This is not the name of a robot.")
-    return robot
-
-
-def _by(session: Session) -> str:
-    return f"console {session.id}"
-
-
-async def _read(request: Request) -> bytes:
-    data = b""
-    async for part in request.stream():
-        data += part
-        if len(data) > MAX_BODY:
-            raise Bad(413, f"A request may have {MAX_BODY} bytes.")
-    return data
-
-
-async def _body(request: Request, kind: type[Any]) -> Any:
-    """Return the body of a request. Raise ``Bad`` if it is not of this kind."""
-    data = await _read(request)
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise Bad(400, f"The request cannot be read: {error}.") from None
-
-
-def _outcome(outcome: Outcome) -> dict[str, Any]:
-    return {"ok": outcome.outcome == SAFE, "outcome": outcome}
-
-
-def _answer(answer: dict[str, Any] | Refused) -> dict[str, Any]:
-    if isinstance(answer, Refused):
-        return {"ok": False, "refused": {"code": answer.code, "text": answer.text}}
-    return {"ok": True, "result": answer}
-
-
-def _json(value: Any) -> Response:
-    return Response(msgspec.json.encode(value), media_type="application/json")
-
-
-def _text(status: int, text: str) -> Response:
-    return Response(text, status, media_type="text/plain")
-
-
 def _denied(denied: Denied) -> Response:
-    return _text(denied.status, denied.text)
+    return text(denied.status, denied.text)

@@ -10,6 +10,8 @@ import msgspec
 
 from strands_actors.caller.processes.run_directory import data_dir
 
+from .answers import Bad
+
 MOST_POSES = 50
 MAX_NAME = 40
 
@@ -21,8 +23,11 @@ def poses_file() -> Path:
     return data_dir() / "console" / "poses.json"
 
 
-class BadPoses(Exception):
+class BadPoses(Bad):
     """A pose cannot be stored, or the file cannot be used. The text has the reason and the remedy."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(409, text)
 
 
 class Poses:

@@ -3,6 +3,8 @@ import {el, setText} from "/page/dom.js"
 import {Fleet} from "/page/fleet.js"
 import {RobotView} from "/page/robot.js"
 
+/** The views beside the fleet and the robots, by their place in the address. They are for operators. */
+const VIEWS = {devices: Devices}
 const AGAIN_MS = 1000
 const NOTE_MS = 9000
 const facts = JSON.parse(document.body.dataset.facts)
@@ -106,6 +108,7 @@ function receive(message) {
   if (message.type === "reading") view.reading(message.reading)
   if (message.type === "events") view.happened(message.events)
   if (message.type === "seat") view.seated(message.state, message.reason)
+  for (const panel of view.panels) panel.receive?.(message)
 }
 
 // -- views
@@ -115,7 +118,7 @@ function route() {
   view?.close?.()
   shown = place === "robots" && name ? decodeURIComponent(name) : ""
   if (shown) view = new RobotView(shown, orders, mayCommand)
-  else if (place === "devices" && mayCommand) view = new Devices(orders)
+  else if (place in VIEWS && mayCommand) view = new VIEWS[place](orders)
   else { view = new Fleet(orders); view.show(robots) }
   element("view").replaceChildren(view.root)
   document.title = shown || "robots"
@@ -139,7 +142,7 @@ element("theme").onclick = () => {
   const now = document.documentElement.dataset.theme || (dark ? "dark" : "light")
   localStorage.setItem("theme", document.documentElement.dataset.theme = now === "dark" ? "light" : "dark")
 }
-element("devices-link").hidden = !mayCommand
+for (const each of document.querySelectorAll("nav a.operator")) each.hidden = !mayCommand
 element("estop").src = facts.estop
 route()
 connect()

@@ -1,4 +1,5 @@
 import {el, kindOf, number, setText, since, stateText} from "/page/dom.js"
+import {PANELS} from "/page/panels.js"
 import {Plots} from "/page/plots.js"
 import {RobotScene} from "/page/scene.js"
 
@@ -30,6 +31,7 @@ export class RobotView {
     this.noModel = el("p", {class: "no-model"}, "reading the model …")
     this.plots = new Plots()
     this.poses = el("ul", {class: "poses"})
+    this.panels = PANELS.map(Panel => new Panel(name, orders, mayCommand))
     this.root = this.build()
     orders.get(`/robots/${name}/poses`).then(answer => answer && this.showPoses(answer.poses))
     this.letGo = () => this.release()
@@ -58,7 +60,8 @@ export class RobotView {
         this.seat, this.table),
       el("section", {class: "below"}, this.plots.root),
       el("section", {class: "below"}, el("h2", {}, "What happened"), this.events, this.sensorsTitle, this.sensors,
-        el("h2", {}, "Poses"), this.poses, mayCommand && this.poseForm(), mayCommand && this.policyForm()))
+        el("h2", {}, "Poses"), this.poses, mayCommand && this.poseForm(), mayCommand && this.policyForm()),
+      ...this.panels.map(panel => el("section", {class: "below"}, panel.root)))
   }
 
   poseForm() {
@@ -99,6 +102,7 @@ export class RobotView {
   summary(robot) {
     this.root.dataset.kind = this.state.dataset.kind = kindOf(robot)
     setText(this.state, stateText(robot))
+    for (const panel of this.panels) panel.summary?.(robot)
     setText(this.why, robot.problem || (robot.state === "armed" ? "" : robot.cause))
     this.pairs(this.facts, {
       type: robot.type, host: robot.host, "commanded by": robot.lease || "nobody", task: robot.task || "none",
@@ -252,6 +256,7 @@ export class RobotView {
     this.release()
     removeEventListener("blur", this.letGo)
     document.removeEventListener("visibilitychange", this.letGo)
+    for (const panel of this.panels) panel.close?.()
     this.scene.close()
     this.plots.close()
   }

@@ -1,0 +1,6 @@
+/** The further sections of a robot's view, in their order. Each is a class in a file of its own.
+ *
+ * It is made with (name, orders, mayCommand), and has `root`, its element. It may have
+ * `summary(robot)`, which gets the robot's line of the fleet, `receive(message)`, which gets each
+ * message of the server about this robot, and `close()`. */
+export const PANELS = []
