@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from .house import Figures, Goal, Question, beside
 
+HOLD_MS = 150.0
+"""The lifetime of a setpoint, and the bound of the SO-101."""
+
 
 def ours(short: bool) -> Figures:
-    return beside("benchmarks.sides.ros2", "short" if short else "long", timeout_s=420)
+    return beside("benchmarks.sides.ros2", "short" if short else "long", timeout_s=900)
 
 
 QUESTION = Question(
@@ -16,6 +19,9 @@ QUESTION = Question(
     goals=(
         Goal("bridge_cores", "", at_most=0.5),
         Goal("stop_max_ms", "", at_most=50.0),
+        Goal("hold_kill_max_ms", "", at_most=HOLD_MS),
+        Goal("hold_freeze_max_ms", "", at_most=HOLD_MS),
+        Goal("setpoints_after", "", at_most=0.0),
     ),
     notice="""`strands-actors ros2` needs a part of one core, and robots do not wait for it. A stop from the graph
 passes a router and one more process, and is still sent within milliseconds.""",

@@ -2,9 +2,9 @@
 
 The robots are simulated SO-101 arms, and one of them has a camera. A program on the graph subscribes to all of
 their joint states, poses, diagnostics and pictures, while the processor time of the bridge's process is measured.
-Then
-another bridge publishes the joint states of one arm 500 times a second, and the arm is stopped by its service. The
-measured time begins before the request is sent, and ends when the twin has read the safe frame.
+Then another bridge publishes the joint states of one arm 500 times a second, and the arm is stopped by its service.
+The measured time begins before the request is sent, and ends when the twin has read the safe frame. Last, the
+bridge is killed or frozen while it carries out a trajectory, and the twin's log has the time until the hold.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import contextlib
 import itertools
 import json
 import os
+import random
+import signal
 import socket
 import struct
 import subprocess
@@ -30,11 +32,13 @@ import trio
 import zenoh
 
 from strands_actors.contract.cameras import CameraSettings, Picture
+from strands_actors.kernel.channels.ros2.cdr import encode
 from strands_actors.kernel.channels.ros2.definitions import (
     COMPRESSED_IMAGE,
     DIAGNOSTICS,
     JOINT_STATE,
     POSE,
+    TRAJECTORY,
     TRIGGER,
 )
 from strands_actors.kernel.channels.ros2.names import Attachment, Dialect
@@ -45,13 +49,18 @@ from strands_actors.surfaces.ros2.samples import State
 from .fleet import Arm, start
 from .wire import processor_s
 
-SIZES = {"short": (2, 4.0, 5), "long": (12, 20.0, 50)}
-"""Number of robots, seconds of the load, and number of stops."""
+SIZES = {"short": (2, 4.0, 5, 1), "long": (12, 20.0, 50, 20)}
+"""Number of robots, seconds of the load, number of stops, and how often the bridge is killed, and frozen."""
 
 FLOOD_HZ = 500.0
 CAMERA_HZ = 30.0
 STOPPED = "arm00"
 PATIENCE_S = 60.0
+WAYS_RAD = (-0.6, 0.6)
+"""Targets of the trajectories that a broken bridge leaves, which take ``WAY_S`` seconds."""
+WAY_S = 8
+QUIET_S = 0.5
+"""How long no setpoint may follow the hold."""
 MODULE = "benchmarks.sides.ros2"
 COMMAND = "from strands_actors.surfaces.cli import main; main()"
 
@@ -101,6 +110,13 @@ class Program:
             self.counts[topic] += 1
 
         self._subscribers.append(self._session.declare_subscriber(Dialect().key(topic, type_name), count))
+
+    def follow(self, topic: str, joint: str, position: float) -> None:
+        """Publish a path of one joint with one point, in radians."""
+        point = {"positions": [position], "time_from_start": {"sec": WAY_S, "nanosec": 0}}
+        payload = encode(TRAJECTORY, {"joint_names": [joint], "points": [point]})
+        attachment = Attachment(next(self._numbers), time.time_ns(), b"benchmark client").encode()
+        self._session.put(Dialect().key(topic, TRAJECTORY), payload, attachment=attachment)
 
     def trigger(self, service: str) -> bool:
         """Call a service, and return True if it has succeeded."""
@@ -196,6 +212,38 @@ def stops(arm: Arm, program: Program, count: int) -> dict[str, float]:
     return {"stop_p50_ms": spans_ms[len(spans_ms) // 2], "stop_max_ms": spans_ms[-1], "beside_hz": rate}
 
 
+def breaks(arm: Arm, program: Program, endpoint: str, count: int) -> dict[str, float]:
+    """Kill the bridge, and freeze it, each ``count`` times while it carries out a trajectory."""
+    spans_ms: dict[signal.Signals, list[float]] = {signal.SIGKILL: [], signal.SIGSTOP: []}
+    after = 0
+    program.subscribe(f"/{STOPPED}/joint_states", JOINT_STATE)
+    for number, order in enumerate(count * tuple(spans_ms)):
+        with running("-c", COMMAND, "ros2", "--router", endpoint, "--allow-motion", STOPPED) as bridge:
+            shown = program.counts[f"/{STOPPED}/joint_states"]
+            until(lambda: program.counts[f"/{STOPPED}/joint_states"] > shown, "the arm on the graph")  # noqa: B023
+            until(lambda: program.trigger(f"/{STOPPED}/resume"), "it is armed")
+            began_ns = time.monotonic_ns()
+            program.follow(f"/{STOPPED}/joint_trajectory", "shoulder_pan", WAYS_RAD[number % 2])
+            until(lambda: len(arm.log.host("setpoint", began_ns)) > 5, "it moves")  # noqa: B023
+            time.sleep(random.random() * QUIET_S)
+            broken_ns = time.monotonic_ns()
+            bridge.send_signal(order)
+            until(lambda: arm.log.first_safe(broken_ns), "it holds")  # noqa: B023
+            held = arm.log.first_safe(broken_ns)
+            assert held is not None
+            spans_ms[order].append((held.t_ns - broken_ns) / 1e6)
+            time.sleep(QUIET_S)
+            if order is signal.SIGSTOP:
+                bridge.send_signal(signal.SIGCONT)
+                time.sleep(QUIET_S)
+            after += arm.log.setpoints_after_safe(broken_ns)
+    return {
+        "hold_kill_max_ms": max(spans_ms[signal.SIGKILL]),
+        "hold_freeze_max_ms": max(spans_ms[signal.SIGSTOP]),
+        "setpoints_after": float(after),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("length", choices=[*SIZES, "flood"])
@@ -204,7 +252,7 @@ def main() -> None:
     if chosen.length == "flood":
         trio.run(flood, chosen.endpoint)
         return
-    robots, seconds, count = SIZES[chosen.length]
+    robots, seconds, count, faults = SIZES[chosen.length]
     with socket.socket() as port:
         port.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{port.getsockname()[1]}"
@@ -223,6 +271,8 @@ def main() -> None:
                 figures = load(arms, Program(opened), bridge.pid, seconds)
             with running("-m", MODULE, "flood", endpoint), session("client", "connect", endpoint) as opened:
                 figures |= stops(arms[0], Program(opened), count)
+            with session("client", "connect", endpoint) as opened:
+                figures |= breaks(arms[0], Program(opened), endpoint, faults)
         finally:
             for arm in arms:
                 arm.robot.cleanup()
