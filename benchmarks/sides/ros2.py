@@ -17,7 +17,6 @@ import os
 import random
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -32,7 +31,7 @@ import trio
 import zenoh
 
 from strands_actors.contract.cameras import CameraSettings, Picture
-from strands_actors.kernel.channels.ros2.cdr import encode
+from strands_actors.kernel.channels.ros2.cdr import decode, encode
 from strands_actors.kernel.channels.ros2.definitions import (
     COMPRESSED_IMAGE,
     DIAGNOSTICS,
@@ -118,16 +117,17 @@ class Program:
         attachment = Attachment(next(self._numbers), time.time_ns(), b"benchmark client").encode()
         self._session.put(Dialect().key(topic, TRAJECTORY), payload, attachment=attachment)
 
-    def trigger(self, service: str) -> bool:
-        """Call a service, and return True if it has succeeded."""
+    def trigger(self, service: str) -> tuple[bool, str]:
+        """Call a service. Return its success and its message, or False and an empty text without a response."""
         attachment = Attachment(next(self._numbers), time.time_ns(), b"benchmark client").encode()
         replies = self._session.get(
             Dialect().key(service, TRIGGER), payload=b"\0\1\0\0\0", attachment=attachment, timeout=10.0
         )
-        return any(
-            reply.ok is not None and struct.unpack_from("<?", reply.ok.payload.to_bytes(), 4)[0]
-            for reply in replies
-        )
+        for reply in replies:
+            if reply.ok is not None:
+                answer = decode(f"{TRIGGER}_Response", reply.ok.payload.to_bytes())
+                return answer["success"], answer["message"]
+        return False, ""
 
 
 def until(condition: Any, what: str) -> None:
@@ -198,11 +198,12 @@ def stops(arm: Arm, program: Program, count: int) -> dict[str, float]:
     until(lambda: program.counts[topic] - counted > FLOOD_HZ, "500 joint states")
     spans_ms: list[float] = []
     for _ in range(count):
-        until(lambda: program.trigger(f"/{STOPPED}/resume"), "it is armed")
+        until(lambda: program.trigger(f"/{STOPPED}/resume")[0], "it is armed")
         time.sleep(0.1)
         sent_ns = time.monotonic_ns()
-        if not program.trigger(f"/{STOPPED}/stop"):
-            raise SystemExit("a stop was not confirmed")
+        confirmed, message = program.trigger(f"/{STOPPED}/stop")
+        if not confirmed:
+            raise SystemExit(f"a stop was not confirmed: {message or 'no response'}")
         safe = arm.log.first_safe(sent_ns)
         if safe is None:
             raise SystemExit("no safe frame")
@@ -221,7 +222,7 @@ def breaks(arm: Arm, program: Program, endpoint: str, count: int) -> dict[str, f
         with running("-c", COMMAND, "ros2", "--router", endpoint, "--allow-motion", STOPPED) as bridge:
             shown = program.counts[f"/{STOPPED}/joint_states"]
             until(lambda: program.counts[f"/{STOPPED}/joint_states"] > shown, "the arm on the graph")  # noqa: B023
-            until(lambda: program.trigger(f"/{STOPPED}/resume"), "it is armed")
+            until(lambda: program.trigger(f"/{STOPPED}/resume")[0], "it is armed")
             began_ns = time.monotonic_ns()
             program.follow(f"/{STOPPED}/joint_trajectory", "shoulder_pan", WAYS_RAD[number % 2])
             until(lambda: len(arm.log.host("setpoint", began_ns)) > 5, "it moves")  # noqa: B023
