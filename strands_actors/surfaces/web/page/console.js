@@ -104,6 +104,7 @@ function receive(message) {
   }
   if (!ours || (message.robot ?? message.reading?.robot) !== view.name) return
   if (message.type === "axes") view.setAxes(message.axes, message.reason)
+  if (message.type === "tool") view.setTool(message.keys)
   if (message.type === "facts") view.setFacts(message.topics)
   if (message.type === "reading") view.reading(message.reading)
   if (message.type === "events") view.happened(message.events)
