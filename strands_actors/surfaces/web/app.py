@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -33,6 +34,8 @@ from .live import Conversation
 from .pages import as_attribute, as_denied, device_of, let_in, page_of, serve_file
 from .pictures import MEDIA_TYPE, pictures
 from .poses import Poses
+from .recorders import Recorders
+from .replays import Replays
 from .robots import Robots
 from .scene import Scenes
 from .seat import Hands
@@ -87,6 +90,8 @@ class Console:
         estop_url: Returns the address of the e-stop's page, for the scheme and host of a request.
         pairing_url: Address at which another device is let in; empty if the server is only for this computer.
         fingerprint: Fingerprint of the certificate for other devices.
+        recorders: The recorders that pages start.
+        recordings: Folder of datasets and recordings.
     """
 
     def __init__(
@@ -99,6 +104,8 @@ class Console:
         estop_url: Callable[[str, str], str],
         pairing_url: str,
         fingerprint: str,
+        recorders: Recorders,
+        recordings: Path,
     ) -> None:
         self._client = client
         self._config = config
@@ -108,6 +115,8 @@ class Console:
         self._estop_url = estop_url
         self._pairing_url = pairing_url
         self._fingerprint = fingerprint
+        self._recorders = recorders
+        self._recordings = recordings
         self._scenes = Scenes()
         self._hands = Hands()
         self._tools = Tools()
@@ -131,6 +140,8 @@ class Console:
                 Route("/robots/{robot}/poses/store", order(self._store, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/poses/remove", order(self._remove, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/policy", order(self._policy, Role.OPERATOR), methods=["POST"]),
+                *self._recorders.routes(),
+                *Replays(self._recordings, self._scenes).routes(),
                 Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
                 Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
                 Route("/devices/revoke", order(self._revoke, Role.OPERATOR), methods=["POST"]),

@@ -129,7 +129,7 @@ class Seat:
             self._tell(machine.state, "")
         while machine.state is not State.IDLE:
             step = await self._step(self._filled(start))
-            if machine.reason != self._reason and machine.state is not State.IDLE:
+            if machine.reason != self._reason:
                 self._reason = machine.reason
                 self._tell(machine.state, machine.reason)
             if step.target is not None:

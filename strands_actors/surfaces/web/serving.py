@@ -9,11 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from pathlib import Path
 
 import msgspec
 import trio
 
 from strands_actors.caller.processes.background import open_background
+from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.surfaces.mesh.client import MeshClient
 from strands_actors.surfaces.mesh.config import MeshConfig
 from strands_actors.surfaces.mesh.sync import estop_button
@@ -25,6 +27,7 @@ from .doors import EVERYWHERE, LOCAL_NAMES, LOOPBACK, CannotListen, Door, open_d
 from .estop_page import Press, estop_app
 from .guard import Guard
 from .poses import Poses, poses_file
+from .recorders import Recorders
 from .robots import Robots
 
 LOOK_S = 0.25
@@ -73,6 +76,7 @@ async def serve(
     port: int,
     lan: Lan | None,
     on_serving: Callable[[Serving], None],
+    recordings: Path | None = None,
 ) -> None:
     """Serve the console until cancelled.
 
@@ -82,6 +86,7 @@ async def serve(
         port: Port of the console. The e-stop gets the next one, other devices the two after it. 0: free ones.
         lan: Serve other devices, too; None for this computer only.
         on_serving: Called with the addresses once the server listens.
+        recordings: Folder of datasets and recordings; None for the usual one of this user.
 
     Raises:
         CannotListen: A port is in use, or not allowed.
@@ -102,10 +107,14 @@ async def serve(
         pairing = f"{pages[1].origins[0]}/pair" if lan is not None else ""
         fingerprint = lan.certificate.fingerprint if lan is not None else ""
         estop_of = functools.partial(_beside, pages, stops)
-        console = Console(client, config, robots, Poses(poses_file()), access, estop_of, pairing, fingerprint)
+        folder = recordings or data_dir() / "recordings"
+        recorders = Recorders(folder, time.monotonic)
+        poses = Poses(poses_file())
+        console = Console(client, config, robots, poses, access, estop_of, pairing, fingerprint, recorders, folder)
         policy = CONSOLE_POLICY.format(estop=" ".join(origin for door in stops for origin in door.origins))
         async with open_background() as nursery:
             nursery.start_soon(_keep_looking, robots)
+            nursery.start_soon(recorders.run)
             offered = f"{pairing}?code={access.offer(Role.OPERATOR, time.time())}" if pairing else ""
             url = f"{pages[0].origins[0]}/?token={access.token}"
             on_serving(Serving(url, f"{stops[0].origins[0]}/estop", offered, fingerprint))

@@ -40,7 +40,7 @@ export class RobotView {
     this.root = this.build()
     orders.get(`/robots/${name}/poses`).then(answer => answer && this.showPoses(answer.poses))
     this.scene = new RobotScene(this.canvas)
-    this.scene.load(name).then(() => { this.noModel.hidden = true; this.showScene() })
+    this.scene.load(`/robots/${name}/scene`).then(() => { this.noModel.hidden = true; this.showScene() })
       .catch(problem => setText(this.noModel, problem.message))
   }
 
