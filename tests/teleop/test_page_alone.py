@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import base64
 import os
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 
+import httpx
 import pytest
 import trio
 
@@ -97,6 +100,32 @@ def test_a_page_that_is_silent_gives_its_seat_up(monkeypatch: pytest.MonkeyPatch
             assert not page.told[-1].held
             third, _ = await page.sit_down()
             assert b'"state"' in await third.receive_some(300)
+
+    trio.run(test)
+
+
+def test_other_devices_get_the_page_encrypted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(tmp_path))
+    monkeypatch.setattr(operating, "is_local", lambda host: False)
+
+    def look(address: str) -> str:
+        (file,) = (tmp_path / "console").glob("*.pem")
+        with httpx.Client(verify=ssl.create_default_context(cafile=str(file))) as browser:
+            let_in = browser.get(address)
+            assert let_in.status_code == 200 and "Secure" in let_in.headers["Set-Cookie"]
+            return browser.get(address.partition("?")[0]).text
+
+    async def test() -> None:
+        page = operating.OperatorPage(
+            MonotonicClock(), lambda _: None, lambda *_: None, confirm_stop, dict, ["a"], [], "a title"
+        )
+        async with trio.open_nursery() as nursery:
+            tell, addresses = trio.open_memory_channel[str](1)
+            nursery.start_soon(page.serve, "127.0.0.1", 0, tell.send_nowait)
+            address = await addresses.receive()
+            assert address.startswith("https://127.0.0.1:")
+            assert "a title" in await trio.to_thread.run_sync(look, address)
+            nursery.cancel_scope.cancel()
 
     trio.run(test)
 

@@ -56,6 +56,11 @@ POLICY = (
 )
 
 
+def is_local(host: str) -> bool:
+    """Return True if only this computer can reach this address."""
+    return host in LOCAL_NAMES or host.startswith("127.")
+
+
 class PageMessage(msgspec.Struct):
     """A message of the operator's page, which sends 30 messages per second.
 
@@ -123,10 +128,10 @@ class OperatorPage:
             CannotListen: The port cannot be opened.
         """
         host = host.lower()
-        is_local = host in LOCAL_NAMES or host.startswith("127.")
-        names = tuple(dict.fromkeys((host, *LOCAL_NAMES))) if is_local else (host,)
-        certificate = None
-        if not is_local:
+        names, certificate = (host,), None
+        if is_local(host):
+            names = tuple(dict.fromkeys((host, *LOCAL_NAMES)))
+        else:
             certificate = await trio.to_thread.run_sync(certificate_for, host, data_dir() / "console")
         with contextlib.ExitStack() as stack:
             door = open_door(stack, host, port, names, certificate)
