@@ -60,7 +60,7 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.root.tasks import Tasks
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
-from .page.server import Page, write_address
+from .page_address import write_address
 from .sources import Arm, LeaderObject, Operator, Reading, Source, made_of
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ AGAIN_S = 1.0
 RECORDER_S = 3.0
 """A recorder without a message for so long counts as gone."""
 
+PAGE = "strands_actors.surfaces.web.operating:OperatorPage"
 KEY, GRIPPER = "key", "gripper"
 CONNECTED, CONNECTING = "connected", "connecting"
 """The reported state of a leader. Otherwise it is the reason why the leader is missing."""
@@ -224,9 +225,11 @@ class Teleoperation(Actor):
             await self._end("policy", describe(error))
 
     async def _serve(self, settings: Mapping[str, Any]) -> None:
+        # Only a page needs a web server. A thread imports it, which takes some tenths of a second.
+        page_class = await trio.to_thread.run_sync(load, PAGE)
         axes = [axis.key for axis in self._axes]
         title, tool = self._rollout.instruction, list(self._tool_keys)
-        page = Page(
+        page = page_class(
             self.context.clock, self._operator.take, self._press, self._stop, self._shown, axes, tool, title
         )
         try:

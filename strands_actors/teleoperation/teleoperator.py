@@ -20,6 +20,7 @@ from strands_actors.caller.processes.twin_process import TwinProcess, TwinProces
 from strands_actors.caller.session.portal import portal
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import shown
@@ -113,6 +114,8 @@ class Teleoperator:
             else:
                 self.kind = Kind.JOG
                 if name in PAGES:
+                    if reason := missing("web", f"the leader {name}"):
+                        raise ValueError(f"Teleoperator: {reason}")
                     self._listen = parse_listen_address(options.pop("listen", ""))
                 if options or relative:
                     raise TypeError(

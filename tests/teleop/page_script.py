@@ -1,4 +1,4 @@
-"""Run the script of the operator's page in Node.js, without a browser."""
+"""Run the scripts of the operator's page in Node.js, without a browser."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ import shutil
 import subprocess
 from importlib import resources
 
+LOAD = """
+const read = () => require("fs").readFileSync(process.argv[1], "utf-8")
+const load = () => import("data:text/javascript," + encodeURIComponent(read()))
+"""
+"""``read()`` returns a file of the page, and ``load()`` imports it."""
 
-def run_on_page(script: str) -> str:
-    """Run a script with the page's path as its first argument, and return its output."""
+
+def run_on_page(file: str, script: str) -> str:
+    """Run a script for a file of the page, and return its output."""
     node = shutil.which("node")
     assert node is not None, 'mark the test with needs("Node.js")'
-    page = resources.files("strands_actors.teleoperation.page").joinpath("page.html")
-    done = subprocess.run([node, "-e", script, str(page)], capture_output=True, text=True, timeout=30.0, check=True)
+    path = resources.files("strands_actors.surfaces.web").joinpath("page", file)
+    command = [node, "-e", LOAD + script, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=True)
     return done.stdout

@@ -222,6 +222,9 @@ def web(
     name: Annotated[
         str, typer.Option(help="With --lan: name or address of this computer. Default: its address.")
     ] = "",
+    recordings: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of datasets and recordings. Default: one of yours.")
+    ] = None,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
@@ -229,7 +232,7 @@ def web(
     from .web import Choice
     from .web import web as run
 
-    run(Choice(robot, twin or [], port, lan, name), mesh, as_json=json)
+    run(Choice(robot, twin or [], port, lan, name, recordings), mesh, as_json=json)
 
 
 @app.command()

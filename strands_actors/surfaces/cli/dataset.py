@@ -14,13 +14,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from strands_actors.contract.extras import missing
 from strands_actors.contract.shown import harmless
 from strands_actors.surfaces.dataset.dataset import STRAYS
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
 from strands_actors.surfaces.dataset.order import Event, Order, Progress, State
-from strands_actors.surfaces.dataset.page import serve_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
 from strands_actors.surfaces.dataset.run import (
     Command,
@@ -102,6 +102,8 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(read, command)
             if name:
+                from strands_actors.surfaces.dataset.page import serve_keys
+
                 try:
                     await serve_keys(
                         order.robot, host, port, onlooker, command, lambda url: screen.say(how_to_open(name, url))
@@ -148,6 +150,8 @@ def _page(keys: str | None) -> tuple[str, str, int]:
         raise Problem(
             f"record: --keys {keys}: there is no such page. Use {', '.join(PAGES)}, or phone:ADDRESS:PORT"
         )
+    if reason := missing("web", f"--keys {name}"):
+        raise Problem(f"record: {reason}")
     try:
         return (name, *parse_listen_address(listen))
     except ValueError as refusal:

@@ -11,9 +11,11 @@ import sys
 import time
 from collections.abc import Iterator
 from typing import Any
+from urllib.parse import urlsplit
 
 from strands_actors.caller.handle.envelopes import warn_unless_safe
 from strands_actors.caller.handle.real_robot import RealRobot
+from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.contract.loading import load
 from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.teleoperation.actor import CONNECTED, CONNECTING, KEY
@@ -235,12 +237,17 @@ def how_to_open(name: str, address: str) -> str:
         name: The page as requested: ``page``, ``gamepad`` or ``phone``.
         address: The URL of the page.
     """
-    number = address.rpartition(":")[2].partition("/")[0]
+    parts = urlsplit(address)
     text = f"open {address}"
-    if name == PHONE and "//127." in address:
-        text += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
-    elif "//127." not in address:
-        text += "\nthe page is not encrypted: other people in this network can read its address, and use it"
+    if parts.scheme == "https":
+        from strands_actors.surfaces.web.certificates import certificate_for
+        from strands_actors.surfaces.web.qr import qr_terminal
+
+        certificate = certificate_for(str(parts.hostname), data_dir() / "console")
+        text += f"\n{qr_terminal(address)}\nits certificate: {certificate.fingerprint}"
+    elif name == PHONE:
+        port = parts.port
+        text += f"\non a phone that is plugged in: adb reverse tcp:{port} tcp:{port}, then open it there"
     return text
 
 

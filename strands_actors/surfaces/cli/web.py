@@ -44,6 +44,7 @@ class Choice(msgspec.Struct, frozen=True):
         port: The port of the console. The e-stop gets the next one.
         lan: Serve other devices of the network, too.
         name: Name or address of this computer for other devices; empty to find out.
+        recordings: Folder of datasets and recordings; None for the usual one.
     """
 
     robot: str
@@ -51,6 +52,7 @@ class Choice(msgspec.Struct, frozen=True):
     port: int
     lan: bool
     name: str
+    recordings: Path | None = None
 
 
 def web(choice: Choice, mesh: Path | None, as_json: bool) -> None:
@@ -90,7 +92,7 @@ async def _serve(choice: Choice, mesh: Path | None, as_json: bool) -> None:
 
     async with mesh_until_signal(mesh) as client:
         try:
-            await serve(client, configuration(mesh), choice.port, lan, on_serving)
+            await serve(client, configuration(mesh), choice.port, lan, on_serving, choice.recordings)
         except CannotListen as reason:
             raise Problem(f"web: {reason}. Give another --port") from reason
 

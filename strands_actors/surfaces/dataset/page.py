@@ -13,7 +13,7 @@ import msgspec
 
 from strands_actors.caller.handle.stop_lines import stop_by_name
 from strands_actors.kernel.clock import MonotonicClock
-from strands_actors.teleoperation.page.server import Page
+from strands_actors.surfaces.web.operating import OperatorPage
 
 from .run import Command, Onlooker
 
@@ -32,7 +32,7 @@ async def serve_keys(
         tell: Called with the URL of the page.
 
     Raises:
-        OSError: The port cannot be opened.
+        CannotListen: The port cannot be opened.
     """
 
     def status() -> dict[str, Any]:
@@ -50,5 +50,7 @@ async def serve_keys(
     async def stop() -> str:
         return await stop_by_name(robot, "the recorder's page")
 
-    page = Page(MonotonicClock(), lambda operated: None, press, stop, status, [], [], f"recording of {robot}")
+    page = OperatorPage(
+        MonotonicClock(), lambda operated: None, press, stop, status, [], [], f"recording of {robot}"
+    )
     await page.serve(host, port, tell)

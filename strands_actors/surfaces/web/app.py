@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -18,7 +17,7 @@ import msgspec
 import trio
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
@@ -32,17 +31,18 @@ from .access import Access, Denied, Role, Session
 from .answers import Bad, body, of_answer, of_outcome, order, read, robot_of, sender, text
 from .guard import visit_of
 from .live import Conversation
+from .pages import as_attribute, as_denied, device_of, let_in, page_of, serve_file
 from .pictures import MEDIA_TYPE, pictures
 from .poses import Poses
+from .recorders import Recorders
+from .replays import Replays
 from .robots import Robots
 from .scene import Scenes
 from .seat import Hands
+from .tools import Tools
 
-MAX_DEVICE = 80
 ORDER_S = 0.5
 """An order to move that has not reached the robot within this time is not carried out."""
-TYPES = {".css": "text/css", ".js": "text/javascript"}
-"""The types of the page's files. No other file is ever served."""
 
 
 class PoseOrder(msgspec.Struct, forbid_unknown_fields=True):
@@ -90,6 +90,8 @@ class Console:
         estop_url: Returns the address of the e-stop's page, for the scheme and host of a request.
         pairing_url: Address at which another device is let in; empty if the server is only for this computer.
         fingerprint: Fingerprint of the certificate for other devices.
+        recorders: The recorders that pages start.
+        recordings: Folder of datasets and recordings.
     """
 
     def __init__(
@@ -102,6 +104,8 @@ class Console:
         estop_url: Callable[[str, str], str],
         pairing_url: str,
         fingerprint: str,
+        recorders: Recorders,
+        recordings: Path,
     ) -> None:
         self._client = client
         self._config = config
@@ -111,8 +115,11 @@ class Console:
         self._estop_url = estop_url
         self._pairing_url = pairing_url
         self._fingerprint = fingerprint
+        self._recorders = recorders
+        self._recordings = recordings
         self._scenes = Scenes()
         self._hands = Hands()
+        self._tools = Tools()
 
     def app(self) -> Starlette:
         """Return the ASGI application, without its ``Guard``."""
@@ -121,7 +128,7 @@ class Console:
                 Route("/", self._home),
                 Route("/pair", self._pair_page, methods=["GET"]),
                 Route("/pair", self._pair, methods=["POST"]),
-                Route("/page/{file}", self._file),
+                Route("/page/{file}", serve_file),
                 WebSocketRoute("/live", self._live),
                 Route("/robots/{robot}/scene", self._scene),
                 Route("/robots/{robot}/cameras/{camera}", self._camera),
@@ -133,6 +140,8 @@ class Console:
                 Route("/robots/{robot}/poses/store", order(self._store, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/poses/remove", order(self._remove, Role.OPERATOR), methods=["POST"]),
                 Route("/robots/{robot}/policy", order(self._policy, Role.OPERATOR), methods=["POST"]),
+                *self._recorders.routes(),
+                *Replays(self._recordings, self._scenes).routes(),
                 Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
                 Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
                 Route("/devices/revoke", order(self._revoke, Role.OPERATOR), methods=["POST"]),
@@ -146,21 +155,21 @@ class Console:
         ``&robot=`` names the robot to show first."""
         token = request.query_params.get("token")
         if token is not None:
-            secret = self._access.admit(token, _device(request), time.time())
+            secret = self._access.admit(token, device_of(request), time.time())
             if isinstance(secret, Denied):
-                return _denied(secret)
-            return self._let_in(request, secret, request.query_params.get("robot", ""))
+                return as_denied(secret)
+            robot = request.query_params.get("robot", "")
+            return let_in(self._access, request, secret, f"/#/robots/{robot}" if is_name(robot) else "/")
         visit = visit_of(request.scope)
         session = self._access.session_of(visit)
         if isinstance(session, Denied):
-            return RedirectResponse("/pair", 303) if self._pairing_url else _denied(session)
+            return RedirectResponse("/pair", 303) if self._pairing_url else as_denied(session)
         facts = {"role": session.role, "estop": self._estop_url(visit.scheme, visit.host)}
-        return HTMLResponse(_page("index.html").replace("{{facts}}", _attribute(facts)))
+        return page_of("index.html", facts=as_attribute(facts))
 
     async def _pair_page(self, request: Request) -> Response:
         code = "".join(filter(str.isdigit, request.query_params.get("code", "")))[:12]
-        page = _page("pair.html").replace("{{code}}", code).replace("{{fingerprint}}", self._fingerprint)
-        return HTMLResponse(page)
+        return page_of("pair.html", code=code, fingerprint=self._fingerprint)
 
     async def _pair(self, request: Request) -> Response:
         """Let a device in for the code in the form of the page."""
@@ -168,32 +177,15 @@ class Console:
             fields = parse_qs((await read(request)).decode())
         except (Bad, ValueError) as error:
             return text(400, f"The form cannot be read: {error}")
-        secret = self._access.redeem(fields.get("code", [""])[0], _device(request), time.time())
-        return _denied(secret) if isinstance(secret, Denied) else self._let_in(request, secret)
-
-    def _let_in(self, request: Request, secret: str, robot: str = "") -> Response:
-        # After a link of another site and a redirect, a browser sends no strict cookie. So this page leads on.
-        url = f"/#/robots/{robot}" if is_name(robot) else "/"
-        response = HTMLResponse(
-            f'<!doctype html><meta http-equiv="refresh" content="0;url={url}"><p><a href="{url}">go on</a>'
-        )
-        secure = visit_of(request.scope).scheme == "https"
-        response.set_cookie(self._access.cookie, secret, httponly=True, samesite="strict", secure=secure)
-        return response
-
-    async def _file(self, request: Request) -> Response:
-        file = request.path_params["file"]
-        if file not in _FILES:
-            return text(404, "There is no such file.")
-        content = resources.files(__package__).joinpath("page", file).read_bytes()
-        # The vendor's file is large, and changes only with a new version of this package.
-        cached = {"Cache-Control": "private, max-age=3600"} if file == "vendor.js" else None
-        return Response(content, media_type=TYPES[Path(file).suffix], headers=cached)
+        secret = self._access.redeem(fields.get("code", [""])[0], device_of(request), time.time())
+        return as_denied(secret) if isinstance(secret, Denied) else let_in(self._access, request, secret)
 
     async def _live(self, socket: WebSocket) -> None:
         session: Session = socket.state.session
         await socket.accept()
-        await Conversation(socket, self._client, self._robots, self._hands, self._access, session).run()
+        await Conversation(
+            socket, self._client, self._robots, self._hands, self._tools, self._access, session
+        ).run()
 
     async def _scene(self, request: Request) -> Response:
         robot = self._robots.get(request.path_params["robot"])
@@ -294,26 +286,3 @@ class Console:
         if not self._access.revoke(order.id):
             raise Bad(404, "This device is gone already.")
         return {"ok": True}
-
-
-_FILES = frozenset(
-    file.name for file in resources.files(__package__).joinpath("page").iterdir() if Path(file.name).suffix in TYPES
-)
-
-
-def _page(file: str) -> str:
-    return resources.files(__package__).joinpath("page", file).read_text("utf-8")
-
-
-def _attribute(facts: dict[str, Any]) -> str:
-    """Return facts as JSON for an attribute in double quotes."""
-    encoded = msgspec.json.encode(facts).decode()
-    return encoded.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-
-
-def _device(request: Request) -> str:
-    return request.headers.get("user-agent", "a browser")[:MAX_DEVICE]
-
-
-def _denied(denied: Denied) -> Response:
-    return text(denied.status, denied.text)

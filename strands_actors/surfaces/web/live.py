@@ -16,13 +16,16 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from strands_actors.caller.processes.background import open_background
 from strands_actors.contract.axis import Axis
+from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Features, is_name
 from strands_actors.surfaces.mesh.client import MeshClient
+from strands_actors.surfaces.view.watch import PRESENCE_S
 
 from .access import Access, Role, Session
 from .robots import Robots, Watched
 from .seat import Hands, Seat, axis_of
+from .tools import Tools
 
 FLEET_S = 0.5
 STATE_S = 0.1
@@ -69,6 +72,7 @@ class Conversation:
         client: The client of the mesh.
         robots: The newest samples.
         hands: The robots that are moved by pages.
+        tools: The tools of arms.
         access: The sessions.
         session: The session of this page.
     """
@@ -79,10 +83,12 @@ class Conversation:
         client: MeshClient,
         robots: Robots,
         hands: Hands,
+        tools: Tools,
         access: Access,
         session: Session,
     ) -> None:
         self._hands = hands
+        self._tools = tools
         self._socket = socket
         self._client = client
         self._robots = robots
@@ -147,7 +153,22 @@ class Conversation:
         with trio.CancelScope() as self._seat_scope:
             seat = self._seat = Seat(self._hands, self._client, robot, axes, tell, time.monotonic_ns)
             task_status.started()
-            await seat.run()
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._ready_tool, robot, seat)
+                await seat.run()
+
+    async def _ready_tool(self, name: str, seat: Seat) -> None:
+        """Let the page move the tool of an arm, once its model is built."""
+        robot = self._robots.get(name)
+        if robot is None:
+            return
+        with trio.move_on_after(PRESENCE_S):
+            await robot.viewer.identified.wait()
+        presence = robot.viewer.presence
+        tool = None if presence is None else await self._tools.get(presence.hw, presence.model_units)
+        if tool is not None:
+            seat.use_tool(tool)
+            self._notes.append({"type": "tool", "robot": name, "keys": POSE_KEYS})
 
     # -- show
 

@@ -15,11 +15,12 @@ from typing import Any
 import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, finite
+from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import MeshClient
 from strands_actors.surfaces.mesh.remote import RemoteRobot, control
-from strands_actors.teleoperation.machine import Frame, Kind, Machine, State
-from strands_actors.teleoperation.page.requests import Lateness
+from strands_actors.teleoperation.lateness import Lateness
+from strands_actors.teleoperation.machine import Frame, Kind, Machine, State, Step, Tool
 
 PERIOD_S = 1 / 30
 TTL_S = 0.2
@@ -79,9 +80,14 @@ class Seat:
         self._tell = tell
         self._now_ns = now_ns
         self._machine = Machine(axes, Kind.JOG)
+        self._reason = ""
         self._lateness = Lateness()
         self._frame = _NO_FRAME
         self._pressed = trio.Event()
+
+    def use_tool(self, tool: Tool) -> None:
+        """Let the page move the tool of the robot's arm, too."""
+        self._machine.tool = tool
 
     def operate(self, held: bool, at_ms: float, rates: Mapping[str, float]) -> None:
         """Take one message of the page.
@@ -118,10 +124,14 @@ class Seat:
             return
         start = self._start(observed["joints"])
         machine.engage(self._filled(start), start, self._now_ns())
+        self._reason = ""
         if machine.state is not State.IDLE:
             self._tell(machine.state, "")
         while machine.state is not State.IDLE:
-            step = machine.step(self._filled(start), self._now_ns())
+            step = await self._step(self._filled(start))
+            if machine.reason != self._reason:
+                self._reason = machine.reason
+                self._tell(machine.state, machine.reason)
             if step.target is not None:
                 answer = await remote.send_action(step.target, TTL_S, PERIOD_S)
                 if isinstance(answer, Refused):
@@ -129,6 +139,12 @@ class Seat:
                     machine.idle(answer.text)
                     return
             await trio.sleep(PERIOD_S)
+
+    async def _step(self, frame: Frame) -> Step:
+        """Return what follows from a message. The joints of a tool's motion are computed in a thread."""
+        if any(frame.values.get(key) for key in POSE_KEYS):
+            return await trio.to_thread.run_sync(self._machine.step, frame, self._now_ns())
+        return self._machine.step(frame, self._now_ns())
 
     def _start(self, joints: Mapping[str, Any]) -> dict[str, float]:
         """Return the position of each axis that can be jogged. An axis that this robot lacks has none."""
@@ -141,7 +157,9 @@ class Seat:
 
     def _filled(self, start: Mapping[str, float]) -> Frame:
         """Return the newest message, with a speed for each axis. Axes that the page does not name stand still."""
-        return self._frame._replace(values={key: self._frame.values.get(key, 0.0) for key in start})
+        rates = self._frame.values
+        values = {key: rates.get(key, 0.0) for key in start}
+        return self._frame._replace(values={**values, **{key: rates[key] for key in POSE_KEYS if key in rates}})
 
 
 def axis_of(key: str, described: Mapping[str, Any]) -> Axis:

@@ -1,10 +1,11 @@
 import {Devices} from "/page/devices.js"
 import {el, setText} from "/page/dom.js"
 import {Fleet} from "/page/fleet.js"
+import {Recordings} from "/page/recordings.js"
 import {RobotView} from "/page/robot.js"
 
 /** The views beside the fleet and the robots, by their place in the address. They are for operators. */
-const VIEWS = {devices: Devices}
+const VIEWS = {devices: Devices, recordings: Recordings}
 const AGAIN_MS = 1000
 const NOTE_MS = 9000
 const facts = JSON.parse(document.body.dataset.facts)
@@ -104,6 +105,7 @@ function receive(message) {
   }
   if (!ours || (message.robot ?? message.reading?.robot) !== view.name) return
   if (message.type === "axes") view.setAxes(message.axes, message.reason)
+  if (message.type === "tool") view.setTool(message.keys)
   if (message.type === "facts") view.setFacts(message.topics)
   if (message.type === "reading") view.reading(message.reading)
   if (message.type === "events") view.happened(message.events)

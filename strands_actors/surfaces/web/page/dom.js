@@ -7,7 +7,7 @@ export function el(tag, attributes = {}, ...children) {
     else if (value === true) one.setAttribute(name, "")
     else if (value !== false && value != null) one.setAttribute(name, value)
   }
-  one.append(...children.flat(Infinity).filter(child => child != null))
+  one.append(...children.flat(Infinity).filter(child => child != null && child !== false))
   return one
 }
 

@@ -1,10 +1,14 @@
 import {el, kindOf, number, setText, since, stateText} from "/page/dom.js"
+import {Gamepads} from "/page/gamepad.js"
+import {Hand} from "/page/hand.js"
 import {PANELS} from "/page/panels.js"
 import {Plots} from "/page/plots.js"
 import {RobotScene} from "/page/scene.js"
 
-const JOG_MS = 33
 const MOST_EVENTS = 40
+const TOOL_WORDS = {
+  "ee.x": "tool ahead", "ee.y": "tool to the left", "ee.z": "tool up", "ee.wx": "tool about x", "ee.wy": "tool about y",
+  "ee.wz": "tool about z"}
 const SPEEDS = [["slow", 0.2], ["half", 0.5], ["full", 1]]
 
 /** One robot: in 3-D, its joints with jog buttons, plots, cameras, what happened, and its orders. */
@@ -16,11 +20,12 @@ export class RobotView {
     this.axes = {}
     this.units = {}
     this.rows = new Map()
-    this.down = new Map()
-    this.speed = SPEEDS[1][1]
+    this.hand = new Hand((held, rates) => orders.jog({held, at_ms: performance.now(), rates}))
     this.state = el("span", {class: "pill big"})
     this.why = el("p", {class: "why"})
     this.facts = el("dl", {class: "facts"})
+    this.pad = el("p", {class: "pad"})
+    this.toolTable = el("table", {class: "joints tool", hidden: true})
     this.seat = el("p", {class: "seat", role: "status", "aria-live": "polite"})
     this.table = el("table", {class: "joints"})
     this.events = el("ol", {class: "events"})
@@ -34,11 +39,8 @@ export class RobotView {
     this.panels = PANELS.map(Panel => new Panel(name, orders, mayCommand))
     this.root = this.build()
     orders.get(`/robots/${name}/poses`).then(answer => answer && this.showPoses(answer.poses))
-    this.letGo = () => this.release()
-    addEventListener("blur", this.letGo)
-    document.addEventListener("visibilitychange", this.letGo)
     this.scene = new RobotScene(this.canvas)
-    this.scene.load(name).then(() => { this.noModel.hidden = true; this.showScene() })
+    this.scene.load(`/robots/${name}/scene`).then(() => { this.noModel.hidden = true; this.showScene() })
       .catch(problem => setText(this.noModel, problem.message))
   }
 
@@ -46,7 +48,7 @@ export class RobotView {
     const {orders, name, mayCommand} = this
     const button = (text, kind, action, title) => el("button", {class: kind, onclick: action, title}, text)
     const speeds = SPEEDS.map(([text, share]) => el("label", {}, el("input", {
-      type: "radio", name: "speed", checked: share === this.speed, onchange: () => { this.speed = share }}), text))
+      type: "radio", name: "speed", checked: share === this.hand.speed, onchange: () => { this.hand.speed = share }}), text))
     return el("div", {class: "robot"},
       el("section", {class: "stage"}, this.canvas, this.noModel, this.cameras),
       el("section", {class: "side"},
@@ -56,8 +58,8 @@ export class RobotView {
           button("e-stop", "stop outline", () => orders.estop(name), "stops and locks"),
           mayCommand && button("resume", "go", () => orders.resume(name), "energises at the measured position")),
         this.facts,
-        mayCommand && el("fieldset", {class: "row speeds"}, el("legend", {}, "jog: hold − or +, let go to hold"), ...speeds),
-        this.seat, this.table),
+        mayCommand && el("fieldset", {class: "row speeds"}, el("legend", {}, "jog: hold − or +, let go to hold. With a gamepad: hold a shoulder button"), ...speeds),
+        this.seat, this.pad, this.table, this.toolTable),
       el("section", {class: "below"}, this.plots.root),
       el("section", {class: "below"}, el("h2", {}, "What happened"), this.events, this.sensorsTitle, this.sensors,
         el("h2", {}, "Poses"), this.poses, mayCommand && this.poseForm(), mayCommand && this.policyForm()),
@@ -116,6 +118,20 @@ export class RobotView {
     this.table.replaceChildren()
     this.rows.clear()
     if (reason) setText(this.seat, reason)
+    this.setTool([])
+  }
+
+  /** Let the hand move the tool of the arm, by the keys of its pose. */
+  setTool(keys) {
+    this.hand.pads = this.mayCommand ? new Gamepads(Object.keys(this.axes), keys, word => this.recorderKey(word)) : null
+    this.toolTable.hidden = !keys.length
+    this.toolTable.replaceChildren(...keys.map(key => el("tr", {}, el("td", {}, this.hand.button(key, -1)),
+      el("th", {scope: "row"}, TOOL_WORDS[key] ?? key), el("td", {}, this.hand.button(key, 1)))))
+  }
+
+  /** Pass a button of the recorder on to the panel that has the recorder. */
+  recorderKey(word) {
+    for (const panel of this.panels) panel.recorderKey?.(word)
   }
 
   setFacts(topics) {
@@ -137,6 +153,7 @@ export class RobotView {
   reading(reading) {
     this.newest = reading
     this.showScene()
+    setText(this.pad, this.hand.pads?.text ?? "")
     if (!this.hasAxes) return
     for (const joint of reading.joints) {
       const row = this.rows.get(joint.name) ?? this.addRow(joint.name)
@@ -166,8 +183,8 @@ export class RobotView {
   }
 
   seated(state, reason) {
-    const held = this.down.size > 0
-    setText(this.seat, state === "engaged" ? "you move the robot" : held || !/not held/.test(reason) ? reason : "")
+    const held = this.hand.down.size > 0
+    setText(this.seat, state === "engaged" ? `you move the robot${reason ? `. ${reason}` : ""}` : held || !/not held/.test(reason) ? reason : "")
     this.seat.classList.toggle("engaged", state === "engaged")
   }
 
@@ -176,11 +193,12 @@ export class RobotView {
     const value = el("td", {class: "value"}), goal = el("td", {class: "value goal"})
     const bar = el("div", {class: "bar"}, el("i", {class: "is"}), el("i", {class: "to"}))
     const range = axis.low == null || axis.high == null ? "" : `${number(axis.low, 0)} … ${number(axis.high, 0)}`
-    const jogs = this.mayCommand && name in this.axes
+    const jogs = this.mayCommand && name in this.axes, select = () => this.select(name)
     const row = el("tr", {},
-      el("th", {scope: "row"}, el("button", {class: "name", onclick: () => this.select(name)}, name),
+      el("th", {scope: "row"}, el("button", {class: "name", onclick: select}, name),
         el("small", {}, [range, axis.unit].filter(Boolean).join(" ")), bar),
-      jogs && el("td", {}, this.jogButton(name, -1)), value, goal, jogs && el("td", {}, this.jogButton(name, 1)))
+      jogs && el("td", {}, this.hand.button(name, -1, select)), value, goal,
+      jogs && el("td", {}, this.hand.button(name, 1, select)))
     if (!this.rows.size)
       this.table.append(el("tr", {}, el("th", {scope: "col"}, "joint"), jogs && el("td"), el("th", {scope: "col"}, "is"),
         el("th", {scope: "col"}, "goal"), jogs && el("td")))
@@ -204,58 +222,8 @@ export class RobotView {
     shown.forEach(([, value], at) => setText(list.children[2 * at + 1], value))
   }
 
-  // -- the hand on a button: it moves the robot while it is held, and its release, loss or blur ends that
-
-  jogButton(axis, sign) {
-    const press = key => event => {
-      if (event.button > 0) return
-      event.preventDefault()
-      if (event.pointerId != null) button.setPointerCapture(event.pointerId)
-      this.press(key, axis, sign, button)
-    }
-    const button = el("button", {
-      class: "jog", "aria-label": `${axis} ${sign > 0 ? "up" : "down"}`,
-      onpointerdown: press(`${axis}${sign}`), oncontextmenu: event => event.preventDefault(),
-      onkeydown: event => { if (event.key === "Enter" && !event.repeat) press(`${axis}${sign}`)(event) },
-      onkeyup: event => { if (event.key === "Enter") this.lift(`${axis}${sign}`) },
-    }, sign > 0 ? "+" : "−")
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"])
-      button.addEventListener(end, () => this.lift(`${axis}${sign}`))
-    return button
-  }
-
-  press(key, axis, sign, button) {
-    if (this.down.has(key)) return
-    this.down.set(key, {axis, sign, button})
-    button.classList.add("down")
-    this.select(axis)
-    if (!this.timer) this.timer = setInterval(() => this.jog(), JOG_MS)
-    this.jog()
-  }
-
-  lift(key) {
-    this.down.get(key)?.button.classList.remove("down")
-    if (this.down.delete(key) && !this.down.size) this.release()
-  }
-
-  release() {
-    for (const {button} of this.down.values()) button.classList.remove("down")
-    this.down.clear()
-    clearInterval(this.timer)
-    this.timer = 0
-    this.jog()
-  }
-
-  jog() {
-    const rates = {}
-    for (const {axis, sign} of this.down.values()) rates[axis] = (rates[axis] ?? 0) + sign * this.speed
-    this.orders.jog({held: this.down.size > 0, at_ms: performance.now(), rates})
-  }
-
   close() {
-    this.release()
-    removeEventListener("blur", this.letGo)
-    document.removeEventListener("visibilitychange", this.letGo)
+    this.hand.close()
     for (const panel of this.panels) panel.close?.()
     this.scene.close()
     this.plots.close()

@@ -7,8 +7,8 @@ const GHOST = {color: 0x3b82f6, opacity: 0.28}
 const BLEND_MS = 110
 
 /** Read the bodies and meshes of a model from the server's message. */
-async function load(robot) {
-  const answer = await fetch(`/robots/${robot}/scene`)
+async function load(path) {
+  const answer = await fetch(path)
   if (!answer.ok) throw new Error(await answer.text())
   const data = await answer.arrayBuffer()
   const length = new DataView(data).getUint32(0, true)
@@ -94,8 +94,8 @@ export class RobotScene {
     this.ended = false
   }
 
-  async load(robot) {
-    const model = await load(robot)
+  async load(path) {
+    const model = await load(path)
     if (this.ended) return
     this.measured = new Figure(model, solid)
     this.commanded = new Figure(model, ghost)

@@ -1,1 +1,0 @@
-"""The web page by which an operator moves a robot, by touch or with a gamepad, over one WebSocket."""
