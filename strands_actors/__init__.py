@@ -15,7 +15,8 @@
 ``record``, ``read``, ``replay``  record a robot, read a recording, repeat its decisions from the recorded inputs
 ``record_dataset``, ``replay_episode``  episodes in LeRobot's format
 ``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh (the network between robots)
-``fleet``             a tool for an agent, for all robots of the mesh
+``fleet``             a tool for an agent, for all robots of the mesh; ``ask_on_console`` asks a person to
+                      approve what an agent requests
 ``list_robots``, ``list_driver_coverage``  names of robots, and the drivers that exist for each
 
 A name is loaded at its first use. If a function needs a package that is not installed, calling it
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
         register_robot,
     )
     from .policies import MockPolicy, Policy, create_policy, register_policy
+    from .surfaces.agents.asking import ask_on_console
     from .surfaces.agents.fleet import fleet
     from .surfaces.dataset import record_dataset, replay_episode
     from .surfaces.mesh import (
@@ -68,6 +70,7 @@ _MODULES = {
         "register_robot",
     ),
     "caller.handle.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
+    "surfaces.agents.asking": ("ask_on_console",),
     "surfaces.agents.fleet": ("fleet",),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.dataset": ("record_dataset", "replay_episode"),
@@ -102,6 +105,7 @@ __all__ = [
     "SimRobot",
     "Teleoperator",
     "__version__",
+    "ask_on_console",
     "broadcast",
     "control",
     "create_policy",

@@ -8,6 +8,8 @@ where one is not. A test that fails again fails the run.
 ``coverage``: run the tests of the ordinary run, and print how much of each file they ran, in all processes. A run
 without further arguments also records the figure (``tests/covered.py``).
 
+``console``: the console in Chromium (``tests/web/chromium``). It needs Chromium, and ends if there is none.
+
 ``lerobot``: only the tests that need LeRobot itself (``tests/lerobot``).
 
 ``long``: the tests that the ordinary run leaves out (``tests/long.py``).
@@ -77,6 +79,7 @@ MEASURED = (
 """Tests of milliseconds may fail here, because a process is slower and saves its data when it ends."""
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {
+    "console": ("tests/web/chromium/suite.py",),
     "newton": ("tests/newton/suite.py",),
     "peers": ("tests/peers/suite.py",),
     "rerun": ("tests/view/rerun_suite.py",),

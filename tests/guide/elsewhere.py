@@ -35,6 +35,7 @@ PAGES: Mapping[str, Blocks] = {
         How.AS_WRITTEN,
         {1: "needs a camera at /dev/video0", 2: "needs a running robot with a camera"},
     ),
+    "docs/console.md": Blocks(How.AS_WRITTEN),
     "docs/datasets.md": Blocks(How.ON_TWINS),  # a busy machine may mark missing frames
     "docs/host.md": Blocks(How.ON_TWINS, {1: "needs a running host, as tests/host/test_host.py starts one"}),
     "docs/lerobot.md": Blocks(How.ON_TWINS, {1: "needs LeRobot, with which tests/lerobot runs its robots"}),

@@ -16,7 +16,7 @@ from __future__ import annotations
 import select
 import termios
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,19 +55,21 @@ class Request:
         verb: The verb of the robot's tool, such as ``move_to``.
         inputs: The inputs of the verb, by name.
         by: The program that asks, for example ``agent`` or ``mcp``.
+        within_s: Seconds for the operator's answer.
     """
 
     robot: str
     verb: str
     inputs: Mapping[str, Any] = field(default_factory=dict)
     by: str = "agent"
+    within_s: float = field(default=APPROVE_S, compare=False)
 
     def __str__(self) -> str:
-        inputs = " ".join(f"{name}={_plainly(value)}" for name, value in self.inputs.items())
+        inputs = " ".join(f"{name}={plainly(value)}" for name, value in self.inputs.items())
         return harmless(f"{self.by} asks {self.robot}: {self.verb} {inputs}".rstrip())
 
 
-def _plainly(value: object) -> str:
+def plainly(value: object) -> str:
     """Return an input as text for the operator. An action is shown with all its keys, because the operator
     approves all of it. Any other long value is cut."""
     if isinstance(value, Mapping):
@@ -204,9 +206,10 @@ class Approval:
         """Ask the operator. Return None for an approval, otherwise the reason for the refusal."""
         if self._approve is None:
             return "no operator can be asked"
+        asked = replace(request, within_s=self._within_s)
         with trio.move_on_after(self._within_s):
             try:
-                answer = await trio.to_thread.run_sync(contained, self._approve, request, abandon_on_cancel=True)
+                answer = await trio.to_thread.run_sync(contained, self._approve, asked, abandon_on_cancel=True)
             except Exception as error:  # The ``approve`` function may raise anything. An exception is a refusal.
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"

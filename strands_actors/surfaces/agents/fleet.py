@@ -27,6 +27,7 @@ from strands_actors.surfaces.mesh.outcome import SAFE
 from strands_actors.surfaces.mesh.sync import Mesh
 
 from . import refusals
+from .approval import APPROVE_S, Approval, Approve, Request
 from .fleet_calls import LIST, NAME, RUN, STATUS, STOP, FleetCall, read, spec
 from .tool import StrandsTool
 
@@ -156,12 +157,15 @@ class FleetTool(StrandsTool):
 
     Args:
         mesh: How to reach robots on other hosts.
+        approve: Asks an operator before each task; None to leave the decision to the robots.
+        approve_within_s: Seconds for the operator's answer.
     """
 
     tool_type = "fleet"
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, approve: Approve | None = None, approve_within_s: float = APPROVE_S) -> None:
         self._config = mesh
+        self._approval = Approval((RUN,) if approve is not None else (), approve, approve_within_s)
         self._joining = threading.Lock()
         self._joined: Future[MeshClient] | None = None
         self._staying: Future[None] | None = None
@@ -184,6 +188,10 @@ class FleetTool(StrandsTool):
         call = read(tool_input)
         if isinstance(call, Refused):
             return answers.refused(call)
+        request = Request(call.robot, call.verb, call.inputs, by)
+        refusal = await asyncio.wrap_future(portal().submit(self._approval.refuse, request))
+        if refusal is not None:
+            return answers.refused(refusal)
         try:
             mesh = await asyncio.to_thread(self._join)
         except (OSError, ValueError) as error:
@@ -218,7 +226,7 @@ class FleetTool(StrandsTool):
                 self._staying.cancel()
 
 
-def fleet(*, mesh: Mesh = None) -> FleetTool:
+def fleet(*, mesh: Mesh = None, approve: Approve | None = None, approve_within_s: float = APPROVE_S) -> FleetTool:
     """Return a tool for all robots of the mesh, for ``strands.Agent(tools=[fleet()])``.
 
     Its verbs are list, status, run, stop and stop_all. Each robot's own gate, lease and approval decide.
@@ -226,5 +234,8 @@ def fleet(*, mesh: Mesh = None) -> FleetTool:
     Args:
         mesh: How to reach robots on other hosts: a configuration, or the path of its file. None: the file that
             ``STRANDS_ACTORS_MESH`` names.
+        approve: Function that asks an operator before each ``run``, such as ``ask_on_console``. Only ``True``
+            approves. The robot decides after that. None: only the robots decide.
+        approve_within_s: Seconds for the operator's answer.
     """
-    return FleetTool(mesh)
+    return FleetTool(mesh, approve, approve_within_s)

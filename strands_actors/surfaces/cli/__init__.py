@@ -225,6 +225,13 @@ def web(
     recordings: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of datasets and recordings. Default: one of yours.")
     ] = None,
+    model_file: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=FILE", help="Draw a robot by this MJCF or URDF. Can be repeated."),
+    ] = None,
+    agent: Annotated[
+        str, typer.Option(metavar="MODULE:FUNCTION", help="Your function that makes an agent for the page.")
+    ] = "",
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
@@ -232,7 +239,8 @@ def web(
     from .web import Choice
     from .web import web as run
 
-    run(Choice(robot, twin or [], port, lan, name, recordings), mesh, as_json=json)
+    choice = Choice(robot, twin or [], port, lan, name, recordings, agent, model_file or [])
+    run(choice, mesh, as_json=json)
 
 
 @app.command()

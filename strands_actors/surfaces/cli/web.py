@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -45,6 +46,8 @@ class Choice(msgspec.Struct, frozen=True):
         lan: Serve other devices of the network, too.
         name: Name or address of this computer for other devices; empty to find out.
         recordings: Folder of datasets and recordings; None for the usual one.
+        agent: ``module:function`` that makes the agent; empty for no agent.
+        models: Model files of the user, each ``NAME=FILE``.
     """
 
     robot: str
@@ -53,6 +56,8 @@ class Choice(msgspec.Struct, frozen=True):
     lan: bool
     name: str
     recordings: Path | None = None
+    agent: str = ""
+    models: Sequence[str] = ()
 
 
 def web(choice: Choice, mesh: Path | None, as_json: bool) -> None:
@@ -62,16 +67,19 @@ def web(choice: Choice, mesh: Path | None, as_json: bool) -> None:
         Problem: A port is in use, or a simulated robot does not start.
     """
     require("web", "web")
+    if choice.agent:
+        _check_agent(choice.agent)
+    models = _models(choice.models)
     with contextlib.ExitStack() as stack:
         for twin in choice.twins:
             stack.enter_context(_simulated(twin))
-        trio.run(_serve, choice, mesh, as_json)
+        trio.run(_serve, choice, mesh, as_json, models)
 
 
-async def _serve(choice: Choice, mesh: Path | None, as_json: bool) -> None:
+async def _serve(choice: Choice, mesh: Path | None, as_json: bool, models: Mapping[str, str]) -> None:
     from strands_actors.surfaces.web.certificates import certificate_for, own_name
     from strands_actors.surfaces.web.qr import qr_terminal
-    from strands_actors.surfaces.web.serving import CannotListen, Lan, Serving, serve
+    from strands_actors.surfaces.web.serving import CannotListen, ChosenAgent, Lan, Serving, serve
 
     lan = None
     if choice.lan:
@@ -90,11 +98,41 @@ async def _serve(choice: Choice, mesh: Path | None, as_json: bool) -> None:
             print(f"its certificate: {serving.fingerprint}", flush=True)
         print("Ctrl-C ends this", flush=True)
 
+    agent = ChosenAgent(choice.agent, str(mesh) if mesh is not None else "")
     async with mesh_until_signal(mesh) as client:
         try:
-            await serve(client, configuration(mesh), choice.port, lan, on_serving, choice.recordings)
+            await serve(client, configuration(mesh), choice.port, lan, on_serving, choice.recordings, agent, models)
         except CannotListen as reason:
             raise Problem(f"web: {reason}. Give another --port") from reason
+
+
+def _models(given: Sequence[str]) -> dict[str, str]:
+    """Return the model files by name of the robot. Raise ``Problem`` if one is not ``NAME=FILE``, or is missing."""
+    files = {}
+    for text in given:
+        robot, _, file = text.partition("=")
+        if not robot or not Path(file).is_file():
+            raise Problem(
+                f"web: --model-file {text} names no file. Give NAME=FILE, with the MJCF or URDF of a robot"
+            )
+        files[robot] = file
+    return files
+
+
+def _check_agent(factory: str) -> None:
+    """Raise ``Problem`` if no agent can be made by this name. The agent's process loads the function itself."""
+    module, colon, function = factory.partition(":")
+    if importlib.util.find_spec("strands") is None:
+        raise Problem("web: --agent needs strands-agents. pip install 'strands-actors[agent]'")
+    try:
+        is_found = bool(colon and function) and importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError) as error:
+        raise Problem(f"web: --agent {factory} cannot be used: {error}") from error
+    if not is_found:
+        raise Problem(
+            f"web: --agent {factory} names no function of a module that Python finds. Give MODULE:FUNCTION, and "
+            "set PYTHONPATH to the module's folder"
+        )
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -28,7 +28,9 @@ from strands_actors.surfaces.view.model import NoModel
 from strands_actors.surfaces.view.watch import PRESENCE_S
 
 from .access import Access, Denied, Role, Session
+from .agent import AgentPanel
 from .answers import Bad, body, of_answer, of_outcome, order, read, robot_of, sender, text
+from .consent import Consents
 from .guard import visit_of
 from .live import Conversation
 from .pages import as_attribute, as_denied, device_of, let_in, page_of, serve_file
@@ -92,6 +94,9 @@ class Console:
         fingerprint: Fingerprint of the certificate for other devices.
         recorders: The recorders that pages start.
         recordings: Folder of datasets and recordings.
+        consents: The questions to the operators.
+        agent: The conversation with the agent.
+        models: Model files of the user, by name of the robot.
     """
 
     def __init__(
@@ -106,6 +111,9 @@ class Console:
         fingerprint: str,
         recorders: Recorders,
         recordings: Path,
+        consents: Consents,
+        agent: AgentPanel,
+        models: Mapping[str, str],
     ) -> None:
         self._client = client
         self._config = config
@@ -117,7 +125,9 @@ class Console:
         self._fingerprint = fingerprint
         self._recorders = recorders
         self._recordings = recordings
-        self._scenes = Scenes()
+        self._consents = consents
+        self._agent = agent
+        self._scenes = Scenes(models)
         self._hands = Hands()
         self._tools = Tools()
 
@@ -142,6 +152,8 @@ class Console:
                 Route("/robots/{robot}/policy", order(self._policy, Role.OPERATOR), methods=["POST"]),
                 *self._recorders.routes(),
                 *Replays(self._recordings, self._scenes).routes(),
+                *self._consents.routes(),
+                *self._agent.routes(),
                 Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
                 Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
                 Route("/devices/revoke", order(self._revoke, Role.OPERATOR), methods=["POST"]),
@@ -164,7 +176,11 @@ class Console:
         session = self._access.session_of(visit)
         if isinstance(session, Denied):
             return RedirectResponse("/pair", 303) if self._pairing_url else as_denied(session)
-        facts = {"role": session.role, "estop": self._estop_url(visit.scheme, visit.host)}
+        facts = {
+            "role": session.role,
+            "estop": self._estop_url(visit.scheme, visit.host),
+            "agent": self._agent.is_configured,
+        }
         return page_of("index.html", facts=as_attribute(facts))
 
     async def _pair_page(self, request: Request) -> Response:
@@ -183,8 +199,9 @@ class Console:
     async def _live(self, socket: WebSocket) -> None:
         session: Session = socket.state.session
         await socket.accept()
+        feeds = (self._consents, self._agent)
         await Conversation(
-            socket, self._client, self._robots, self._hands, self._tools, self._access, session
+            socket, self._client, self._robots, self._hands, self._tools, self._access, session, feeds
         ).run()
 
     async def _scene(self, request: Request) -> Response:
@@ -197,7 +214,7 @@ class Console:
         if presence is None:
             return text(404, "The robot has not published its type.")
         try:
-            return Response(await self._scenes.get(presence.hw), media_type="application/octet-stream")
+            return Response(await self._scenes.get(presence.hw, robot.name), media_type="application/octet-stream")
         except NoModel as reason:
             return text(404, str(reason))
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any, Protocol
 
 import msgspec
 import trio
@@ -60,6 +61,18 @@ class Jog(msgspec.Struct, tag="jog", forbid_unknown_fields=True):
     rates: Annotated[dict[str, float], msgspec.Meta(max_length=MOST_AXES)] = {}
 
 
+class Feed(Protocol):
+    """What a feature shows on every page, beside the robots.
+
+    ``count`` is the number of its changes so far.
+    """
+
+    count: int
+
+    def news(self, since: int, role: Role) -> dict[str, Any] | None:
+        """Return the message for a page that knows the first ``since`` changes; None if this role sees nothing."""
+
+
 _decode = msgspec.json.Decoder(Watch | Jog).decode
 _encode = msgspec.json.Encoder().encode
 
@@ -75,6 +88,7 @@ class Conversation:
         tools: The tools of arms.
         access: The sessions.
         session: The session of this page.
+        feeds: What the features show.
     """
 
     def __init__(
@@ -86,7 +100,9 @@ class Conversation:
         tools: Tools,
         access: Access,
         session: Session,
+        feeds: Sequence[Feed] = (),
     ) -> None:
+        self._shown = [(feed, -1) for feed in feeds]
         self._hands = hands
         self._tools = tools
         self._socket = socket
@@ -181,7 +197,13 @@ class Conversation:
             now = trio.current_time()
             if now >= next_fleet:
                 next_fleet = now + FLEET_S
-                await self._send({"type": "fleet", "robots": self._robots.summaries()})
+                await self._send_text(self._robots.fleet())
+            for index, (feed, known) in enumerate(self._shown):
+                if feed.count != known:
+                    self._shown[index] = feed, feed.count
+                    news = feed.news(known, self._session.role)
+                    if news is not None:
+                        await self._send(news)
             while self._notes:
                 await self._send(self._notes.pop(0))
             robot = self._robots.get(self._robot) if self._robot else None
@@ -202,5 +224,8 @@ class Conversation:
             await self._send({"type": "events", "robot": robot.name, "events": events})
 
     async def _send(self, message: dict[str, Any]) -> None:
+        await self._send_text(_encode(message).decode())
+
+    async def _send_text(self, text: str) -> None:
         with trio.fail_after(SEND_S):
-            await self._socket.send_text(_encode(message).decode())
+            await self._socket.send_text(text)

@@ -3,6 +3,7 @@ clock that ``Viewer`` uses."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,6 +22,8 @@ from strands_actors.surfaces.view.viewer import SILENT_S, Viewer
 
 MOST_EVENTS = 100
 """Number of events that are kept of each robot."""
+FLEET_S = 0.4
+"""How old the list of all robots for the pages may be, in seconds. All pages get the same one."""
 FORGET_S = 3600.0
 """After so long without a sample, in seconds, a robot is forgotten."""
 
@@ -150,6 +153,8 @@ class Robots:
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
         self._robots: dict[str, Watched] = {}
+        self._fleet = ""
+        self._fleet_s = -math.inf
 
     def watch(self, client: MeshClient) -> None:
         """Receive the telemetry of all robots from now on. Pictures are left out."""
@@ -181,6 +186,14 @@ class Robots:
                 del self._robots[name]
             else:
                 robot.viewer.look()
+
+    def fleet(self) -> str:
+        """Return the message with the summaries, for all pages."""
+        now_s = self._now_s()
+        if now_s - self._fleet_s >= FLEET_S:
+            self._fleet_s = now_s
+            self._fleet = msgspec.json.encode({"type": "fleet", "robots": self.summaries()}).decode()
+        return self._fleet
 
     def summaries(self) -> list[Summary]:
         return [robot.summary() for _, robot in sorted(self._robots.items())]

@@ -6,12 +6,14 @@ a multiple of four bytes, and the numbers of all meshes. The JSON says where eac
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 import trio
 
+from strands_actors.drivers import model_of
 from strands_actors.surfaces.view.model import Body, Mesh, RobotModel, read_model
 
 _ALIGN = 4
@@ -19,23 +21,30 @@ _DIGITS = 6
 
 
 class Scenes:
-    """The scenes by type of robot. Each is read once from the type's twin, which takes a second or more."""
+    """The scenes of robots. Each is read once from a twin, which takes a second or more.
 
-    def __init__(self) -> None:
-        self._scenes: dict[str, bytes] = {}
+    Args:
+        files: Model files of the user (MJCF or URDF), by name of the robot.
+    """
+
+    def __init__(self, files: Mapping[str, str]) -> None:
+        self._files = files
+        self._scenes: dict[tuple[str, str], bytes] = {}
         self._reading = trio.Lock()
 
-    async def get(self, robot_type: str) -> bytes:
-        """Return the scene of a type.
+    async def get(self, robot_type: str, robot: str = "") -> bytes:
+        """Return the scene of a robot: of its own model file, of the file with which its type was registered here,
+        or of its type's model.
 
         Raises:
             NoModel: There is no model of this type here.
         """
+        key = robot_type, self._files.get(robot) or model_of(robot_type) or ""
         async with self._reading:
-            if robot_type not in self._scenes:
-                model = await read_model(robot_type)
-                self._scenes[robot_type] = await trio.to_thread.run_sync(scene_of, model)
-            return self._scenes[robot_type]
+            if key not in self._scenes:
+                model = await read_model(*key)
+                self._scenes[key] = await trio.to_thread.run_sync(scene_of, model)
+            return self._scenes[key]
 
 
 def scene_of(model: RobotModel) -> bytes:

@@ -7,9 +7,10 @@ import functools
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import trio
@@ -21,8 +22,10 @@ from strands_actors.surfaces.mesh.config import MeshConfig
 from strands_actors.surfaces.mesh.sync import estop_button
 
 from .access import Access, Role
+from .agent import AgentPanel
 from .app import Console
 from .certificates import Certificate
+from .consent import Consents
 from .doors import EVERYWHERE, LOCAL_NAMES, LOOPBACK, CannotListen, Door, open_door, serve_doors
 from .estop_page import Press, estop_app
 from .guard import Guard
@@ -70,6 +73,22 @@ class Serving(msgspec.Struct, frozen=True):
     fingerprint: str = ""
 
 
+class ChosenAgent(NamedTuple):
+    """The agent of the console.
+
+    Attributes:
+        factory: ``module:function`` of the user; empty for no agent.
+        mesh: The file that configures the mesh for it; empty for the robots of this user.
+    """
+
+    factory: str = ""
+    mesh: str = ""
+
+
+NO_AGENT = ChosenAgent()
+NO_MODELS: Mapping[str, str] = {}
+
+
 async def serve(
     client: MeshClient,
     config: MeshConfig,
@@ -77,6 +96,8 @@ async def serve(
     lan: Lan | None,
     on_serving: Callable[[Serving], None],
     recordings: Path | None = None,
+    agent: ChosenAgent = NO_AGENT,
+    models: Mapping[str, str] = NO_MODELS,
 ) -> None:
     """Serve the console until cancelled.
 
@@ -87,6 +108,8 @@ async def serve(
         lan: Serve other devices, too; None for this computer only.
         on_serving: Called with the addresses once the server listens.
         recordings: Folder of datasets and recordings; None for the usual one of this user.
+        agent: The agent of the console.
+        models: Model files of the user (MJCF or URDF), by name of the robot.
 
     Raises:
         CannotListen: A port is in use, or not allowed.
@@ -109,12 +132,27 @@ async def serve(
         estop_of = functools.partial(_beside, pages, stops)
         folder = recordings or data_dir() / "recordings"
         recorders = Recorders(folder, time.monotonic)
-        poses = Poses(poses_file())
-        console = Console(client, config, robots, poses, access, estop_of, pairing, fingerprint, recorders, folder)
+        consents = Consents()
         policy = CONSOLE_POLICY.format(estop=" ".join(origin for door in stops for origin in door.origins))
         async with open_background() as nursery:
             nursery.start_soon(_keep_looking, robots)
             nursery.start_soon(recorders.run)
+            await nursery.start(consents.listen)
+            console = Console(
+                client,
+                config,
+                robots,
+                Poses(poses_file()),
+                access,
+                estop_of,
+                pairing,
+                fingerprint,
+                recorders,
+                folder,
+                consents,
+                AgentPanel(agent.factory, agent.mesh, nursery),
+                models,
+            )
             offered = f"{pairing}?code={access.offer(Role.OPERATOR, time.time())}" if pairing else ""
             url = f"{pages[0].origins[0]}/?token={access.token}"
             on_serving(Serving(url, f"{stops[0].origins[0]}/estop", offered, fingerprint))

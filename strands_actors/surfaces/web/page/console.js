@@ -1,3 +1,5 @@
+import {Agent} from "/page/agent.js"
+import {Consents} from "/page/consent.js"
 import {Devices} from "/page/devices.js"
 import {el, setText} from "/page/dom.js"
 import {Fleet} from "/page/fleet.js"
@@ -5,7 +7,7 @@ import {Recordings} from "/page/recordings.js"
 import {RobotView} from "/page/robot.js"
 
 /** The views beside the fleet and the robots, by their place in the address. They are for operators. */
-const VIEWS = {devices: Devices, recordings: Recordings}
+const VIEWS = {devices: Devices, recordings: Recordings, agent: Agent}
 const AGAIN_MS = 1000
 const NOTE_MS = 9000
 const facts = JSON.parse(document.body.dataset.facts)
@@ -95,6 +97,7 @@ function watch() {
 }
 
 function receive(message) {
+  for (const feed of feeds) feed.receive(message)
   const ours = view instanceof RobotView && view
   if (message.type === "fleet") {
     robots = message.robots
@@ -114,6 +117,9 @@ function receive(message) {
 }
 
 // -- views
+
+/** What every view shows beside itself. Each gets all messages. */
+const feeds = [new Consents(element("consents"), orders, mayCommand), Agent]
 
 function route() {
   const [, place, name] = location.hash.split("/")
@@ -145,6 +151,7 @@ element("theme").onclick = () => {
   localStorage.setItem("theme", document.documentElement.dataset.theme = now === "dark" ? "light" : "dark")
 }
 for (const each of document.querySelectorAll("nav a.operator")) each.hidden = !mayCommand
+document.querySelector("nav a.agent").hidden = !(mayCommand && facts.agent)
 element("estop").src = facts.estop
 route()
 connect()

@@ -1,171 +1,84 @@
-import {
-  BufferAttribute, BufferGeometry, DirectionalLight, GridHelper, Group, HemisphereLight, Mesh, MeshStandardMaterial,
-  OrbitControls, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer, Box3, Color,
-} from "/page/vendor.js"
+import {OrbitControls, PerspectiveCamera, Vector3} from "/page/vendor.js"
 
-const GHOST = {color: 0x3b82f6, opacity: 0.28}
-const BLEND_MS = 110
+const DIRECTION = [1, -1.3, 0.7]
+const DISTANCE = 1.7
 
-/** Read the bodies and meshes of a model from the server's message. */
-async function load(path) {
-  const answer = await fetch(path)
-  if (!answer.ok) throw new Error(await answer.text())
-  const data = await answer.arrayBuffer()
-  const length = new DataView(data).getUint32(0, true)
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)))
-  return {...head, numbers: data.slice(4 + length)}
-}
-
-/** A robot of groups, one for each body. The joints turn and slide the groups. */
-class Figure {
-  constructor(model, material) {
-    this.root = new Group()
-    this.joints = new Map()
-    this.bodies = []
-    const groups = new Map([["world", this.root]])
-    for (const body of model.bodies) {
-      const group = new Group()
-      const [w, x, y, z] = body.quat
-      const rest = {position: new Vector3(...body.xyz), turn: new Quaternion(x, y, z, w)}
-      this.bodies.push({group, rest, joints: body.joints})
-      for (const joint of body.joints) this.joints.set(joint.name, joint.start)
-      groups.set(body.name, group)
-      ;(groups.get(body.parent) ?? this.root).add(group)
-    }
-    for (const mesh of model.meshes) groups.get(mesh.body)?.add(new Mesh(geometryOf(model, mesh), material(mesh.rgba)))
-    this.pose()
+/** Draws in a worker, so that a slow drawing blocks no jog button. It has the calls of `Drawing`. */
+class FarDrawing {
+  constructor(canvas, pixelRatio) {
+    this.worker = new Worker("/page/worker.js", {type: "module"})
+    this.loaded = new Promise((done, failed) => {
+      this.worker.onmessage = ({data}) => (data.problem ? failed(new Error(data.problem)) : done(data.loaded))
+      this.worker.onerror = event => failed(new Error(event.message || "the worker that draws has failed"))
+    })
+    const offscreen = canvas.transferControlToOffscreen()
+    this.worker.postMessage({call: "open", value: {canvas: offscreen, pixelRatio}}, [offscreen])
   }
 
-  /** Put the bodies where the joints say. */
-  pose() {
-    const axis = new Vector3(), anchor = new Vector3(), turn = new Quaternion(), moved = new Vector3()
-    for (const {group, rest, joints} of this.bodies) {
-      group.position.copy(rest.position)
-      group.quaternion.copy(rest.turn)
-      for (const joint of joints) {
-        const way = (this.joints.get(joint.name) ?? joint.start) - joint.zero
-        axis.set(...joint.axis)
-        if (joint.slides) group.position.add(axis.multiplyScalar(way).applyQuaternion(group.quaternion))
-        else {
-          anchor.set(...joint.anchor)
-          moved.copy(anchor).applyQuaternion(group.quaternion)
-          group.position.add(moved)
-          group.quaternion.multiply(turn.setFromAxisAngle(axis, way))
-          group.position.sub(moved.copy(anchor).applyQuaternion(group.quaternion))
-        }
-      }
-    }
-  }
+  call(name, value) { this.worker.postMessage({call: name, value}) }
+
+  load(path) { this.call("load", path); return this.loaded }
+  show(reading) { this.call("show", reading) }
+  resize(size) { this.call("resize", size) }
+  look(view) { this.call("look", view) }
+  close() { this.worker.terminate() }
 }
 
-function geometryOf(model, mesh) {
-  const points = new Float32Array(model.numbers, mesh.at, mesh.points * 3)
-  const faces = new Uint32Array(model.numbers, mesh.at + mesh.points * 12, mesh.faces * 3)
-  const geometry = new BufferGeometry()
-  geometry.setAttribute("position", new BufferAttribute(points, 3))
-  geometry.setIndex(new BufferAttribute(faces, 1))
-  const flat = geometry.toNonIndexed()
-  flat.computeVertexNormals()
-  return flat
+/** True if this browser can draw in 3-D in a worker. Some have such a canvas, but only for 2-D. */
+const canDrawFar = Boolean(globalThis.OffscreenCanvas && new OffscreenCanvas(1, 1).getContext("webgl2"))
+
+async function drawingOn(canvas) {
+  const ratio = Math.min(devicePixelRatio, 2)
+  if (canDrawFar) return new FarDrawing(canvas, ratio)
+  const {Drawing} = await import("/page/drawing.js")
+  return new Drawing(canvas, ratio)
 }
 
-const solid = rgba => new MeshStandardMaterial({
-  color: new Color(rgba[0], rgba[1], rgba[2]), opacity: rgba[3], transparent: rgba[3] < 1, roughness: 0.6, metalness: 0.1})
-const ghost = () => new MeshStandardMaterial({...GHOST, transparent: true, depthWrite: false})
-
-/** The robot in 3-D: the measured positions solid, the commanded ones as a ghost. It draws only when it has changed. */
+/** The robot in 3-D. The mouse turns a camera here, and the drawing follows it. */
 export class RobotScene {
   constructor(canvas) {
     this.canvas = canvas
-    this.renderer = new WebGLRenderer({canvas, antialias: true, alpha: true})
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2))
-    this.scene = new Scene()
-    this.scene.add(new HemisphereLight(0xffffff, 0x667788, 2.2))
-    const sun = new DirectionalLight(0xffffff, 2)
-    sun.position.set(1, -1.5, 3)
-    this.scene.add(sun)
-    this.camera = new PerspectiveCamera(40, 1, 0.01, 200)
+    this.camera = new PerspectiveCamera()
     this.camera.up.set(0, 0, 1)
     this.controls = new OrbitControls(this.camera, canvas)
-    this.controls.addEventListener("change", () => this.wake())
-    this.goal = new Map()
+    this.controls.addEventListener("change", () => this.look())
     this.sizes = new ResizeObserver(() => this.resize())
     this.sizes.observe(canvas.parentElement)
     this.ended = false
   }
 
   async load(path) {
-    const model = await load(path)
-    if (this.ended) return
-    this.measured = new Figure(model, solid)
-    this.commanded = new Figure(model, ghost)
-    this.scene.add(this.measured.root, this.commanded.root)
+    const drawing = await drawingOn(this.canvas)
+    if (this.ended) { drawing.close(); return }
+    this.drawing = drawing
+    this.resize()
+    const loaded = await drawing.load(path)
+    if (!loaded || this.ended) return
+    const middle = new Vector3(...loaded.middle)
+    this.controls.target.copy(middle)
+    this.camera.position.copy(middle).add(new Vector3(...DIRECTION).normalize().multiplyScalar(loaded.size * DISTANCE))
+    this.controls.update()
     this.look()
   }
 
   /** Show a reading: joints with their measured and commanded values, in the robot's units. */
   show(joints, units) {
-    if (!this.measured) return
-    const now = performance.now()
-    for (const joint of joints) {
-      const [zero, scale] = units[joint.name] ?? [0, 0]
-      if (!scale) continue
-      if (joint.measured != null)
-        this.goal.set(joint.name, {from: this.measured.joints.get(joint.name), to: (joint.measured - zero) / scale, at: now})
-      if (joint.commanded != null) this.commanded.joints.set(joint.name, (joint.commanded - zero) / scale)
-    }
-    this.commanded.root.visible = joints.some(joint => joint.commanded != null)
-    this.commanded.pose()
-    this.wake()
+    this.drawing?.show({joints, units})
   }
 
   look() {
-    const box = new Box3().setFromObject(this.measured.root)
-    const middle = box.getCenter(new Vector3()), size = Math.max(box.getSize(new Vector3()).length(), 0.1)
-    const grid = new GridHelper(Math.ceil(size * 4), Math.ceil(size * 4) * 5, 0x8899aa, 0x8899aa)
-    grid.rotation.x = Math.PI / 2
-    grid.material.opacity = 0.25
-    grid.material.transparent = true
-    this.scene.add(grid)
-    this.controls.target.copy(middle)
-    this.camera.position.copy(middle).add(new Vector3(1, -1.3, 0.7).normalize().multiplyScalar(size * 1.7))
-    this.controls.update()
-    this.resize()
+    this.drawing?.look({position: this.camera.position.toArray(), turn: this.camera.quaternion.toArray()})
   }
 
   resize() {
     const {clientWidth: width, clientHeight: height} = this.canvas.parentElement
-    if (!width || !height) return
-    this.renderer.setSize(width, height, false)
-    this.camera.aspect = width / height
-    this.camera.updateProjectionMatrix()
-    this.wake()
-  }
-
-  wake() {
-    if (this.waiting || this.ended) return
-    this.waiting = requestAnimationFrame(() => { this.waiting = 0; this.draw() })
-  }
-
-  draw() {
-    const now = performance.now()
-    let moves = false
-    for (const [name, {from, to, at}] of this.goal) {
-      const part = Math.min(1, (now - at) / BLEND_MS)
-      this.measured.joints.set(name, from + (to - from) * part)
-      if (part >= 1) this.goal.delete(name)
-      else moves ||= Math.abs(to - from) > 1e-6
-    }
-    this.measured?.pose()
-    this.renderer.render(this.scene, this.camera)
-    if (moves) this.wake()
+    if (width && height) this.drawing?.resize({width, height})
   }
 
   close() {
     this.ended = true
-    cancelAnimationFrame(this.waiting)
     this.sizes.disconnect()
     this.controls.dispose()
-    this.renderer.dispose()
+    this.drawing?.close()
   }
 }

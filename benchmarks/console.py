@@ -1,0 +1,31 @@
+"""How much does the console cost with a hundred robots, and do its viewers delay a stop?"""
+
+from __future__ import annotations
+
+from .house import Figures, Goal, Question, Side, beside
+
+
+def with_viewers(viewers: int) -> Side:
+    def run(short: bool) -> Figures:
+        words = ("short" if short else "long", str(viewers))
+        return beside("benchmarks.sides.console", *words, timeout_s=600)
+
+    return run
+
+
+QUESTION = Question(
+    name="console",
+    title="The console with 100 robots and 100 slow viewers",
+    sides={"ours": with_viewers(100), "without_viewers": with_viewers(0)},
+    goals=(
+        Goal("page_hz", "", at_least=30.0),
+        Goal("server_pct", "", at_most=33.3),
+        Goal("estop_p99_ms", "without_viewers", at_most=1.1),
+        Goal("order_p99_ms", "without_viewers", at_most=1.1),
+    ),
+    notice="""`page_hz` and `server_pct` are measured with one page that shows all robots, before the viewers come.
+`estop` is the page of the e-stop, and `order` the button of one robot, which the thread of the viewers serves.""",
+    limit="""The robots are stand-ins that only publish and answer a stop, behind one router on the same computer.
+The browser draws without a graphics card, and the viewers are programs that read one message a second.""",
+    rounds=3,
+)
