@@ -118,6 +118,21 @@ def test_saf_001_a_page_that_is_blocked_or_closed_ends_its_motion(
             assert 0 < setpoints == len(WireLog(log).host("setpoint"))
 
 
+def test_a_page_jogs_the_tool_of_an_arm(bench: Bench) -> None:
+    with bench.visitor.page("so101") as page:
+        page.kind("axes")
+        page.send(type="tool")
+        assert page.kind("tool")["keys"][:3] == ["ee.x", "ee.y", "ee.z"]
+        start = page.until(lambda message: message["type"] == "reading", "a reading")
+        before = measured(start, "shoulder_lift")
+        page.jog(**{"ee.z": 1.0})
+        page.until(
+            lambda message: message["type"] == "reading" and abs(measured(message, "shoulder_lift") - before) > 2,
+            "it moves",
+        )
+        page.let_go()
+
+
 def test_stop_estop_and_resume_tell_what_the_robot_has_confirmed(bench: Bench) -> None:
     visitor = bench.visitor
     stopped = visitor.order("/robots/so101/stop")

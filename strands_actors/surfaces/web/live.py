@@ -21,7 +21,6 @@ from strands_actors.contract.pose_keys import POSE_KEYS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Features, is_name
 from strands_actors.surfaces.mesh.client import MeshClient
-from strands_actors.surfaces.view.watch import PRESENCE_S
 
 from .access import Access, Role, Session
 from .robots import Robots, Watched
@@ -45,6 +44,10 @@ class Watch(msgspec.Struct, tag="watch", forbid_unknown_fields=True):
     """Show this robot. With an empty name, show the fleet only."""
 
     robot: Annotated[str, msgspec.Meta(max_length=64)]
+
+
+class UseTool(msgspec.Struct, tag="tool", forbid_unknown_fields=True):
+    """Jog the tool of the robot's arm, too."""
 
 
 class Jog(msgspec.Struct, tag="jog", forbid_unknown_fields=True):
@@ -73,7 +76,7 @@ class Feed(Protocol):
         """Return the message for a page that knows the first ``since`` changes; None if this role sees nothing."""
 
 
-_decode = msgspec.json.Decoder(Watch | Jog).decode
+_decode = msgspec.json.Decoder(Watch | Jog | UseTool).decode
 _encode = msgspec.json.Encoder().encode
 
 
@@ -138,7 +141,11 @@ class Conversation:
                 return
             if isinstance(message, Watch):
                 await self._watch(message.robot)
-            elif self._seat is not None:
+            elif self._seat is None:
+                continue
+            elif isinstance(message, UseTool):
+                self._nursery.start_soon(self._ready_tool, self._seat)
+            else:
                 self._seat.operate(message.held, message.at_ms, message.rates)
 
     async def _watch(self, robot: str) -> None:
@@ -169,22 +176,18 @@ class Conversation:
         with trio.CancelScope() as self._seat_scope:
             seat = self._seat = Seat(self._hands, self._client, robot, axes, tell, time.monotonic_ns)
             task_status.started()
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(self._ready_tool, robot, seat)
-                await seat.run()
+            await seat.run()
 
-    async def _ready_tool(self, name: str, seat: Seat) -> None:
-        """Let the page move the tool of an arm, once its model is built."""
-        robot = self._robots.get(name)
-        if robot is None:
-            return
-        with trio.move_on_after(PRESENCE_S):
-            await robot.viewer.identified.wait()
-        presence = robot.viewer.presence
+    async def _ready_tool(self, seat: Seat) -> None:
+        """Let the page move the tool of an arm, once its model is built. A page asks for it, because that takes a
+        second of computing or more."""
+        robot = self._robots.get(seat.robot)
+        presence = None if robot is None else robot.viewer.presence
         tool = None if presence is None else await self._tools.get(presence.hw, presence.model_units)
         if tool is not None:
             seat.use_tool(tool)
-            self._notes.append({"type": "tool", "robot": name, "keys": POSE_KEYS})
+        keys = () if tool is None else POSE_KEYS
+        self._notes.append({"type": "tool", "robot": seat.robot, "keys": keys})
 
     # -- show
 

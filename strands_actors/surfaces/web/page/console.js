@@ -49,6 +49,7 @@ const orders = {
   async policy(robot, body) { told(`${robot} policy`, await orders.post(`/robots/${robot}/policy`, body), "started") },
   async pose(robot, name, targets) { told(`${robot} to ${name}`, await orders.post(`/robots/${robot}/pose`, {targets}), "on its way") },
   jog(message) { send({type: "jog", ...message}) },
+  tool() { send({type: "tool"}) },
 }
 
 function stopped(robot, answer) {
@@ -108,7 +109,10 @@ function receive(message) {
   }
   if (!ours || (message.robot ?? message.reading?.robot) !== view.name) return
   if (message.type === "axes") view.setAxes(message.axes, message.reason)
-  if (message.type === "tool") view.setTool(message.keys)
+  if (message.type === "tool") {
+    view.setTool(message.keys)
+    if (!message.keys.length) note(`${view.name} has no arm whose tool can be jogged here`, false)
+  }
   if (message.type === "facts") view.setFacts(message.topics)
   if (message.type === "reading") view.reading(message.reading)
   if (message.type === "events") view.happened(message.events)

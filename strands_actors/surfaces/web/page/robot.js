@@ -26,6 +26,10 @@ export class RobotView {
     this.facts = el("dl", {class: "facts"})
     this.pad = el("p", {class: "pad"})
     this.toolTable = el("table", {class: "joints tool", hidden: true})
+    this.toolButton = el("button", {class: "quiet", onclick: () => {
+      this.toolButton.disabled = true
+      orders.tool()
+    }}, "jog the tool, too")
     this.seat = el("p", {class: "seat", role: "status", "aria-live": "polite"})
     this.table = el("table", {class: "joints"})
     this.events = el("ol", {class: "events"})
@@ -59,7 +63,7 @@ export class RobotView {
           mayCommand && button("resume", "go", () => orders.resume(name), "energises at the measured position")),
         this.facts,
         mayCommand && el("fieldset", {class: "row speeds"}, el("legend", {}, "jog: hold − or +, let go to hold. With a gamepad: hold a shoulder button"), ...speeds),
-        this.seat, this.pad, this.table, this.toolTable),
+        this.seat, this.pad, this.table, this.toolTable, mayCommand && this.toolButton),
       el("section", {class: "below"}, this.plots.root),
       el("section", {class: "below"}, el("h2", {}, "What happened"), this.events, this.sensorsTitle, this.sensors,
         el("h2", {}, "Poses"), this.poses, mayCommand && this.poseForm(), mayCommand && this.policyForm()),
@@ -119,12 +123,14 @@ export class RobotView {
     this.rows.clear()
     if (reason) setText(this.seat, reason)
     this.setTool([])
+    this.toolButton.disabled = false
   }
 
   /** Let the hand move the tool of the arm, by the keys of its pose. */
   setTool(keys) {
     this.hand.pads = this.mayCommand ? new Gamepads(Object.keys(this.axes), keys, word => this.recorderKey(word)) : null
     this.toolTable.hidden = !keys.length
+    this.toolButton.hidden = keys.length > 0
     this.toolTable.replaceChildren(...keys.map(key => el("tr", {}, el("td", {}, this.hand.button(key, -1)),
       el("th", {scope: "row"}, TOOL_WORDS[key] ?? key), el("td", {}, this.hand.button(key, 1)))))
   }
