@@ -140,7 +140,7 @@ def test_the_pages_address_is_private_and_needs_its_token(pair: Pair, run_dir: P
             assert "wrist_roll" in page.text and "{{" not in page.text and parts.query not in page.text
             policy = page.headers["Content-Security-Policy"]
             assert "frame-ancestors 'none'" in policy and "unsafe" not in policy
-            for file in (
+            for name in (
                 "operate.js",
                 "hand.js",
                 "gamepad.js",
@@ -149,7 +149,7 @@ def test_the_pages_address_is_private_and_needs_its_token(pair: Pair, run_dir: P
                 "operate.css",
                 "console.css",
             ):
-                assert browser.get(f"/page/{file}").status_code == 200, file
+                assert browser.get(f"/page/{name}").status_code == 200, name
             assert browser.get("/", headers={"Host": "evil.example"}).status_code == 421
             assert browser.post("/", headers={"Origin": "http://evil.example"}).status_code == 403
     assert not list(run_dir.glob("teleop-*.url"))

@@ -128,7 +128,8 @@ class OperatorPage:
             CannotListen: The port cannot be opened.
         """
         host = host.lower()
-        names, certificate = (host,), None
+        names: tuple[str, ...] = (host,)
+        certificate = None
         if is_local(host):
             names = tuple(dict.fromkeys((host, *LOCAL_NAMES)))
         else:
