@@ -1,0 +1,203 @@
+"""Test the hands of arms, one row a hand, on their twins: real processes and sockets. The log of the wire decides."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.drivers.xarm import protocol as xarm
+from strands_actors.testing import Twin
+from strands_actors.testing.wirelog import Entry
+from tests.answers import json_of, pids, resumed, state, status, until, why
+from tests.trees import made_safe, robot_on, shared_twin
+
+
+class Hand(NamedTuple):
+    """A hand of an arm.
+
+    Attributes:
+        robot: The arm.
+        gripper: The option ``gripper``.
+        joint: A joint of the arm.
+        goals: Openings in percent to which it is sent, from open on.
+        slow: Options with which a motion takes a while; None for a hand that switches.
+        meets: The opening at which it meets the object.
+        overload: The order to the twin that makes it fail; empty if it cannot.
+    """
+
+    robot: str
+    gripper: str
+    joint: str
+    goals: tuple[float, ...]
+    slow: dict[str, Any] | None
+    meets: float
+    overload: str = ""
+
+    def targets(self, twin: Twin, since_ns: int) -> list[Entry]:
+        """Return the frames since a time that give the fingers a target."""
+        return [entry for entry in twin.log.host("setpoint", since_ns) if TARGETS[self.robot](entry.data)]
+
+
+def _is_xarm_target(frame: bytes) -> bool:
+    return frame[6] in (xarm.Register.TOOL_RS485, xarm.Register.TOOL_WRITE_16)
+
+
+TARGETS = {"xarm7": _is_xarm_target}
+
+HANDS = (
+    Hand("xarm7", "xarm_gripper", "joint1", (60.0, 0.0, 100.0), {"gripper_speed": 5.0}, 40.0, "gripper error 34"),
+    Hand("xarm7", "xarm_vacuum", "joint1", (0.0, 100.0), None, 0.0),
+)
+OPENING = 1.5
+"""Percent by which an opening may differ."""
+
+
+@pytest.fixture(scope="module", params=HANDS, ids=lambda hand: hand.gripper)
+def hand(request: pytest.FixtureRequest) -> Hand:
+    chosen: Hand = request.param
+    return chosen
+
+
+@pytest.fixture(scope="module")
+def twin_process(hand: Hand, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    directory = tmp_path_factory.mktemp("twin")
+    with Twin(hand.robot, directory, options={"gripper": hand.gripper}) as process:
+        yield process
+
+
+@pytest.fixture
+def twin(twin_process: Twin) -> Iterator[Twin]:
+    with shared_twin(twin_process, "object none", "gripper found", "gripper error 0") as process:
+        yield process
+
+
+@pytest.fixture
+def arm(hand: Hand, twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    with robot_on(twin.port, hand.robot, gripper=hand.gripper) as connected:
+        reach(connected, 100.0)
+        yield connected
+
+
+def opening(arm: RealRobot) -> float:
+    return float(arm.get_observation()["gripper"])
+
+
+def reach(arm: RealRobot, percent: float) -> None:
+    json_of(arm.send_action({"gripper": percent}))
+    until(lambda: abs(opening(arm) - percent) < OPENING, f"it is {percent} % open")
+
+
+def grip(hand: Hand, arm: RealRobot, twin: Twin) -> None:
+    """Close the hand on an object, and wait until it is reported."""
+    twin.order(f"object {hand.meets:g}")
+    json_of(arm.send_action({"gripper": 0.0}))
+    until(lambda: status(arm)["sensors"]["gripper_contact"] == [1.0], "it holds the object")
+    until(lambda: abs(opening(arm) - hand.meets) < OPENING, "it has stopped at the object")
+
+
+def test_it_moves_and_a_motion_of_the_arm_sends_it_nothing(hand: Hand, arm: RealRobot, twin: Twin) -> None:
+    for goal in hand.goals:
+        reach(arm, goal)
+    assert status(arm)["sensors"]["gripper_contact"] == [0.0]
+    began_ns = time.monotonic_ns()
+    json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+    until(lambda: twin.log.host("setpoint", began_ns), "the arm has a setpoint")
+    time.sleep(0.2)
+    assert not hand.targets(twin, began_ns) or (hand.robot == "xarm7" and not hand.targets(twin, began_ns))
+
+
+def test_saf_014_refused_values_write_nothing(hand: Hand, arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    assert "gripper 101.0 % is past 100.0" in why(arm.send_action({"gripper": 101.0}))
+    assert "gripper_speed is given without gripper" in why(
+        arm.send_action({hand.joint: arm.get_observation()[hand.joint], "gripper_speed": 10.0})
+    )
+    assert "gripper_speed" in why(arm.send_action({"gripper": 50.0, "gripper_speed": 101.0}))
+    time.sleep(0.2)
+    assert not hand.targets(twin, began_ns)
+
+
+def test_saf_003_a_stop_keeps_the_grip_and_so_does_the_resume(hand: Hand, arm: RealRobot, twin: Twin) -> None:
+    grip(hand, arm, twin)
+    began_ns = time.monotonic_ns()
+    stopped = json_of(arm.stop())["motors"]
+    assert stopped["gripper"]["safe"] and list(stopped)[-1] == "gripper"
+    resumed(arm)
+    json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+    time.sleep(0.3)
+    assert not hand.targets(twin, began_ns), "the fingers get no target"
+    assert status(arm)["sensors"]["gripper_contact"] == [1.0]
+    assert abs(opening(arm) - hand.meets) < OPENING
+
+
+def test_saf_003_a_stop_ends_a_motion_of_the_fingers(hand: Hand, twin: Twin, run_dir: Path) -> None:
+    if hand.slow is None:
+        # It has no motion that could be stopped: a valve switches.
+        return
+    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **hand.slow) as arm:
+        json_of(arm.send_action({"gripper": 100.0, "gripper_speed": 100.0}))
+        until(lambda: opening(arm) > 99.0, "it is open")
+        json_of(arm.send_action({"gripper": 0.0}))
+        until(lambda: opening(arm) < 97.0, "it closes")
+        began_ns = time.monotonic_ns()
+        assert json_of(arm.stop())["motors"]["gripper"]["safe"]
+        time.sleep(0.3)
+        stood = opening(arm)
+        time.sleep(0.3)
+        assert abs(opening(arm) - stood) < 0.5 and stood > 5.0
+        twin.log.no_setpoint_after_safe(began_ns)
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_saf_003_the_grip_survives_the_wire_process(
+    hand: Hand, arm: RealRobot, twin: Twin, fault: signal.Signals
+) -> None:
+    grip(hand, arm, twin)
+    victim = pids(arm)["wire"]
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    made_safe(twin.log, began_ns)
+    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+    assert not hand.targets(twin, began_ns)
+    assert status(arm)["sensors"]["gripper_contact"] == [1.0]
+    assert abs(opening(arm) - hand.meets) < OPENING
+    resumed(arm)
+    time.sleep(0.2)
+    assert not hand.targets(twin, began_ns)
+
+
+def test_saf_003_a_killed_wire_process_stops_moving_fingers(hand: Hand, twin: Twin, run_dir: Path) -> None:
+    if hand.slow is None:
+        return
+    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **hand.slow) as arm:
+        json_of(arm.send_action({"gripper": 100.0, "gripper_speed": 100.0}))
+        until(lambda: opening(arm) > 99.0, "it is open")
+        json_of(arm.send_action({"gripper": 0.0}))
+        until(lambda: opening(arm) < 97.0, "it closes")
+        began_ns = time.monotonic_ns()
+        os.kill(pids(arm)["wire"], signal.SIGKILL)
+        made_safe(twin.log, began_ns)
+        until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+        stood = opening(arm)
+        time.sleep(0.4)
+        assert abs(opening(arm) - stood) < 0.5 and stood > 5.0
+
+
+def test_a_fault_is_reported_and_only_the_hand_is_refused(hand: Hand, arm: RealRobot, twin: Twin) -> None:
+    if not hand.overload:
+        return
+    for order, text in ((hand.overload, "overload"), ("gripper lost", "does not answer")):
+        twin.order(order)
+        until(lambda text=text: text in status(arm)["faults"].get("gripper", ""), f"the status has {text}")
+        assert text in why(arm.send_action({"gripper": 50.0}))
+        json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+        twin.order("gripper error 0")
+        twin.order("gripper found")
+        until(lambda: "gripper" not in status(arm)["faults"], "it works again")
