@@ -21,7 +21,7 @@ from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, ST
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.kit.hand import FORCE, MODEL_UNITS, HandKeys, hand_axis
 from strands_actors.drivers.common.kit.hand_gates import gates_with_hand
-from strands_actors.drivers.common.kit.refusals import no_hand_force
+from strands_actors.drivers.common.kit.refusals import no_hand_setting
 from strands_actors.kernel.messages import Refused
 
 from .arms import AXES, TABLES, arm_of, axes_of, mirrored, model_table
@@ -108,7 +108,7 @@ class XArm(Driver):
         if self._hand is None:
             return super().parse(action, state)
         if FORCE in action:
-            return no_hand_force(FORCE)
+            return no_hand_setting(FORCE)
         return self._hand.parse(action, state)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:

@@ -21,8 +21,8 @@ HAND_TTL_S = 0.5
 CONTACT = "gripper_contact"
 """The sensor that shows whether the hand holds something."""
 STEP_S = 0.1
-"""In a stream, a target may be as far from the last one as the hand moves in this time. A hand limits its own speed,
-so a late target that is followed by an early one does no harm."""
+"""In a stream, a target may be as far from the last one as the hand moves in this time. A hand limits its own
+speed, so a late target that is followed by an early one does no harm."""
 
 
 def gates_with_hand(arm: Sequence[GateCheck], axes: Sequence[Axis]) -> tuple[GateCheck, ...]:

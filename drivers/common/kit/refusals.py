@@ -157,5 +157,5 @@ def hand_fault(axis: str, fault: str) -> Refused:
     return Refused(MotorCode.HAND, f"the hand cannot take {axis}: {fault}", CLEAR_HAND, fault, "no fault")
 
 
-def no_hand_force(key: str) -> Refused:
+def no_hand_setting(key: str) -> Refused:
     return Refused(Code.UNKNOWN_KEY, f"this hand has no setting for {key}", f"leave {key} out", key)

@@ -48,6 +48,11 @@ class HandMotion:
         return self._motor if self._fingers is None else min(max(self._fingers.closed, 0.0), 1.0)
 
     @property
+    def motor(self) -> float:
+        """The position of the motor, which pulls fingers that have physics."""
+        return self._motor
+
+    @property
     def moves(self) -> bool:
         return not self.stuck and not self.holds and abs(self._end - self._motor) > _ARRIVED
 
