@@ -139,8 +139,8 @@ class KinovaWire(SessionWire[KinovaSession]):
         if self._config.gripper:
             if session.feedback.fingers is None:
                 raise WireDown(
-                    f"{self._config.robot}: the base reports no gripper on the interface. Check its cable, or leave "
-                    "gripper= out"
+                    f"{self._config.robot}: the base reports no gripper on the interface. Check its cable, "
+                    "or leave gripper= out"
                 )
             session.hand = KinovaHand(client)
             session.hand.take(session.feedback, session.stamp_ns)

@@ -2,8 +2,8 @@
 
 A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``state
 NAME`` and ``mode NAME``, with the names of ``protocol.ArmState`` and ``protocol.ServoingMode``. ``object PERCENT``
-puts something between the fingers, which meet it when they are so far open. ``object none`` takes it away. ``gripper
-lost|found`` takes the gripper from the interface. Its log of all frames (wire log) shows no passwords.
+puts something between the fingers, which meet it when they are so far open. ``object none`` takes it away.
+``gripper lost|found`` takes the gripper from the interface. Its log of all frames (wire log) shows no passwords.
 """
 
 from __future__ import annotations
