@@ -26,6 +26,7 @@ from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, ST
 from strands_actors.drivers.common.kit.hand import AXIS as HAND
 from strands_actors.drivers.common.kit.hand import FORCE, MODEL_UNITS, SPEED, HandKeys, hand_axis
 from strands_actors.drivers.common.kit.hand_gates import gates_with_hand
+from strands_actors.drivers.common.kit.hand_verbs import HAND_VERBS
 from strands_actors.drivers.common.kit.refusals import no_hand_setting
 from strands_actors.kernel.messages import Refused
 
@@ -96,6 +97,8 @@ class Kinova(Driver):
         self.gripper: str = chosen.gripper or ""
         hand = (Part(PartKind.GRIPPER, (hand_axis(HAND_ID, HAND_PERCENT_S),)),) if self.gripper else ()
         self.declare(Part(PartKind.ARM, joints), *hand)
+        if self.gripper:
+            vars(self)["TOOL_VERBS"] = (*HAND_VERBS, *self.TOOL_VERBS)
         self._hand = HandKeys(self.robot, self.table) if self.gripper else None
         self._joints = len(joints)
         self.config = KinovaConfig(

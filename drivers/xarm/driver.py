@@ -21,6 +21,7 @@ from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, ST
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.kit.hand import FORCE, MODEL_UNITS, HandKeys, hand_axis
 from strands_actors.drivers.common.kit.hand_gates import gates_with_hand
+from strands_actors.drivers.common.kit.hand_verbs import HAND_VERBS
 from strands_actors.drivers.common.kit.refusals import no_hand_setting
 from strands_actors.kernel.messages import Refused
 
@@ -82,6 +83,8 @@ class XArm(Driver):
         if self.gripper:
             parts.append(Part(PartKind.GRIPPER, (hand_axis(HAND_ID, TOP_PERCENT_S[self.gripper]),)))
         self.declare(*parts)
+        if self.gripper:
+            vars(self)["TOOL_VERBS"] = (*HAND_VERBS, *self.TOOL_VERBS)
         self._hand = HandKeys(self.robot, self.table, speed=read.gripper_speed) if self.gripper else None
         self.timing = Timing(
             control_hz=hz,

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.drivers.kinova import protocol as kinova
 from strands_actors.drivers.xarm import protocol as xarm
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, resumed, state, status, until, why
-from tests.trees import made_safe, robot_on, shared_twin
+from tests.trees import connected, made_safe, robot_on, shared_twin
 
 
 class Hand(NamedTuple):
@@ -219,3 +220,15 @@ def test_a_fault_is_reported_and_only_the_hand_is_refused(hand: Hand, arm: RealR
         json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
         twin.order(repair)
         until(lambda: "gripper" not in status(arm)["faults"], "it works again")
+
+
+def test_a_simulation_moves_it_and_an_agent_may_open_and_close_it(hand: Hand, run_dir: Path) -> None:
+    with Robot(hand.robot, gripper=hand.gripper) as arm:
+        connected(arm)
+        assert list(arm.get_observation())[-1] == "gripper"
+        for goal in hand.goals:
+            reach(arm, goal)
+        assert {"open", "close"} <= {verb.name for verb in arm.driver.TOOL_VERBS}
+        json_of(arm.stop())
+        resumed(arm)
+        assert abs(opening(arm) - hand.goals[-1]) < OPENING
