@@ -98,6 +98,8 @@ class KortexClient:
         self.page = page or Page(bytearray(_PAGE.size))
         self.refusal: Refusal | None = None
         """The last refusal of joint speeds."""
+        self.hand_refusal: Refusal | None = None
+        """The refusal of the newest gripper command; None if the base accepted it."""
         self._stream = stream
         self._name = name
         self._clock = clock
@@ -208,6 +210,8 @@ class KortexClient:
             sent = self._exchange.take(frame.message, frame)
             if sent and not sent.is_awaited and frame.error and frame.call == Call.SEND_JOINT_SPEEDS:
                 self.refusal = Refusal(frame.call, frame.sub_error)
+            if sent and not sent.is_awaited and frame.call == Call.SEND_GRIPPER_COMMAND:
+                self.hand_refusal = Refusal(frame.call, frame.sub_error) if frame.error else None
 
 
 async def log_in_at(

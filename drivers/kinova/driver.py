@@ -12,19 +12,28 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec import structs
+
 from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.kit.hand import AXIS as HAND
+from strands_actors.drivers.common.kit.hand import FORCE, MODEL_UNITS, SPEED, HandKeys, hand_axis
+from strands_actors.drivers.common.kit.hand_gates import gates_with_hand
+from strands_actors.drivers.common.kit.hand_verbs import HAND_VERBS
+from strands_actors.drivers.common.kit.refusals import no_hand_setting
 from strands_actors.kernel.messages import Refused
 
 from .config import KinovaConfig
 from .gates import CONDITIONS, all_gates, needed_speeds
-from .robots import INTERFACE_M, LAST_LINK, TABLES
+from .hand import HAND_ID, HAND_PERCENT_S
+from .robots import INTERFACE_M, LAST_LINK, MOUNTED, TABLES, Gripper, model_table
 
 SILENT_PERIODS = 3
 """Number of periods without a new speed, or without new feedback, after which the arm is stopped."""
@@ -34,6 +43,9 @@ class Options(DriverOptions, frozen=True):
     username: Annotated[str, option("user of the base", min_length=1)] = "admin"
     password: Annotated[str, option("the user's password; it is kept out of recordings", secret=True)] = "admin"
     control_frequency: Annotated[float, option("joint speeds sent per second, 10 to 100", ge=10, le=100)] = 40.0
+    gripper: Annotated[
+        Gripper | None, option("the gripper on the interface, which the base serves, as one more axis; None: none")
+    ] = None
 
 
 class Kinova(Driver):
@@ -48,6 +60,7 @@ class Kinova(Driver):
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ("gripper",)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)
 
     config: KinovaConfig
@@ -80,17 +93,30 @@ class Kinova(Driver):
             tick_s=period_s / 2,  # The control period must be a whole number of ticks.
             heartbeat_ttl_s=silent_s,
         )
-        self.declare(Part(PartKind.ARM, tuple(_axes(table, fastest_rad_s))))
+        joints = tuple(_axes(table, fastest_rad_s))
+        self.gripper: str = chosen.gripper or ""
+        hand = (Part(PartKind.GRIPPER, (hand_axis(HAND_ID, HAND_PERCENT_S),)),) if self.gripper else ()
+        self.declare(Part(PartKind.ARM, joints), *hand)
+        if self.gripper:
+            vars(self)["TOOL_VERBS"] = (*HAND_VERBS, *self.TOOL_VERBS)
+        self._hand = HandKeys(self.robot, self.table) if self.gripper else None
+        self._joints = len(joints)
         self.config = KinovaConfig(
             robot=self.robot,
             port=port,
             login=(chosen.username, chosen.password),
-            axes=self.axes,
+            axes=self.axes[: self._joints],
             fastest_rad_s=fastest_rad_s,
             period_s=period_s,
             silent_s=silent_s,
+            gripper=self.gripper,
         )
-        self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
+        gates = all_gates(joints, self.timing.state_ttl_s, period_s)
+        self.gates = gates_with_hand(gates, self.table) if self.gripper else gates
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        units = super().model_units()
+        return (*units[:-1], MODEL_UNITS) if self.gripper else units
 
     def link_rows(self) -> str:
         return str(TABLES.table(self.robot)["model_rows"])
@@ -99,21 +125,41 @@ class Kinova(Driver):
         self.config.address()
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the target of each joint (rad), followed by the speed that each joint needs for it (rad/s)."""
+        """Return the target of each joint (rad), followed by the speed that each joint needs for it (rad/s).
+
+        Between both are the three numbers of a gripper: its opening, speed and force.
+        """
+        if self._hand is not None:
+            for key in (SPEED, FORCE):
+                if key in action:
+                    return no_hand_setting(key)
+            kept = structs.replace(state, target=state.target[: len(self.table) + 2])
+            candidate = self._hand.parse(action, kept)
+            if isinstance(candidate, Refused):
+                return candidate
+            speeds = self._needed_speeds(candidate.values, state)
+            return Candidate((*candidate.values, *speeds), candidate.named)
         parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])
         if isinstance(parsed, Refused):
             return parsed
         target, named = parsed
-        return Candidate((*target, *needed_speeds(target, state, self.config.period_s)), named)
+        return Candidate((*target, *self._needed_speeds(target, state)), named)
+
+    def _needed_speeds(self, target: Sequence[float], state: GateState) -> tuple[float, ...]:
+        return needed_speeds(target[: self._joints], state, self.config.period_s)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return super().as_json(values[: len(self.axes)])
 
     def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
         table = TABLES.table(self.robot)
+        joints, home = self.config.axes, tuple(table["home_rad"])
+        if self.gripper:
+            link, tool_m = load(f"{MOUNTED}:LINK"), load(f"{MOUNTED}:tool_m")(self.gripper)
+            return ArmModel(arm_table(model_table(self.robot, self.gripper)), joints, link, tool_m, home=home)
         # The tool points along the negative axis z of the last link.
         place, turn = (0.0, 0.0, -INTERFACE_M), (0.0, 1.0, 0.0, 0.0)
-        return ArmModel(arm_table(table), self.axes, LAST_LINK, place, turn, home=tuple(table["home_rad"]))
+        return ArmModel(arm_table(table), joints, LAST_LINK, place, turn, home=home)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """Return the accepted joint speeds in rad/s, for the caller's answer.
@@ -121,12 +167,13 @@ class Kinova(Driver):
         The arm begins with these speeds and slows down before its target.
         """
         named = {str(key).removesuffix(".pos") for key in action}
-        speeds = dict(zip(self.axes, values[len(self.axes) :], strict=True))
-        return {
+        speeds = dict(zip(self.config.axes, values[-self._joints :], strict=True))
+        answer: dict[str, Any] = {
             "robot": self.robot,
             "joints": [axis for axis in self.axes if axis in named],
             "joint_speeds": {axis: speed for axis, speed in speeds.items() if axis in named},
         }
+        return {**answer, HAND: values[self._joints]} if HAND in named else answer
 
 
 def _axes(table: Mapping[str, Any], fastest_rad_s: float) -> list[Axis]:

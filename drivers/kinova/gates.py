@@ -32,9 +32,9 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tupl
 
 def needed_speeds(target: Sequence[float], state: GateState, period_s: float) -> tuple[float, ...]:
     """Return the speeds (rad/s) that move the arm from its present position to ``target`` in one control period."""
-    observation = state.observation
-    velocity = observation.velocity or (0.0,) * len(observation.position)
-    now = speeds.position_now(observation.position, velocity, (state.now_ns - observation.t_ns) / NS)
+    observation, joints = state.observation, len(target)
+    velocity = observation.velocity[:joints] or (0.0,) * joints
+    now = speeds.position_now(observation.position[:joints], velocity, (state.now_ns - observation.t_ns) / NS)
     return speeds.needed(target, now, period_s)
 
 

@@ -46,6 +46,7 @@ class Call(enum.IntEnum):
     CLOSE_SESSION = 0x10002
     KEEP_ALIVE = 0x10003
     STOP = 0x20070  # The arm decelerates and holds its position.
+    SEND_GRIPPER_COMMAND = 0x20088
     SEND_JOINT_SPEEDS = 0x20084  # The speeds stay in force until the next command or stop.
     APPLY_EMERGENCY_STOP = 0x20091
     CLEAR_FAULTS = 0x20092
@@ -304,6 +305,14 @@ class Actuator(msgspec.Struct, frozen=True):
     faults: tuple[int, int] = (0, 0)  # The vendor's fault bits: bank A and bank B.
 
 
+class Fingers(msgspec.Struct, frozen=True):
+    """Measurements of the gripper on the interface, of its one motor."""
+
+    closed: float  # In percent.
+    speed: float  # In percent of the full speed.
+    current_ma: float
+
+
 class Feedback(msgspec.Struct, frozen=True):
     """Measurements of the arm: the fields of ``BaseCyclic.Feedback`` that this driver uses.
 
@@ -317,6 +326,7 @@ class Feedback(msgspec.Struct, frozen=True):
     tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     faults: tuple[int, int] = (0, 0)
     frame: int = 0
+    fingers: Fingers | None = None  # None without a gripper.
 
     def unwrapped(self, last_positions: Sequence[float]) -> tuple[float, ...]:
         """Return the joint positions in rad, without jumps at 360 degrees from ``last_positions``."""
@@ -351,6 +361,7 @@ class Feedback(msgspec.Struct, frozen=True):
             (_finite(base, 13), _finite(base, 14), _finite(base, 15)),
             (pb.last_int(base, 31), pb.last_int(base, 32)),
             pb.last_int(fields, 1),
+            _fingers(pb.message(pb.last_bytes(fields, 4))),
         )
 
 
@@ -392,6 +403,24 @@ def _messages(fields: dict[int, list[pb.Value]], number: int) -> Iterator[dict[i
         if not isinstance(value, bytes):
             raise MalformedFrame(f"kortex: field {number} is no message")
         yield pb.message(value)
+
+
+def _fingers(interface: dict[int, list[pb.Value]]) -> Fingers | None:
+    """Decode the gripper in the feedback of the interface."""
+    for gripper in _messages(interface, 18):
+        for motor in _messages(gripper, 7):
+            return Fingers(_finite(motor, 4), _finite(motor, 5), _finite(motor, 7))
+    return None
+
+
+def encode_gripper(closed: float) -> bytes:
+    """Encode a ``GripperCommand`` that moves the fingers to a position: 0 is open and 1 closed."""
+    finger = pb.varint_field(1, 1) + pb.float_field(2, closed)
+    return pb.varint_field(1, GRIPPER_POSITION) + pb.bytes_field(2, pb.bytes_field(1, finger))
+
+
+GRIPPER_POSITION = 3
+"""Mode of a ``GripperCommand``: go to a position."""
 
 
 def _finite(fields: dict[int, list[pb.Value]], number: int) -> float:

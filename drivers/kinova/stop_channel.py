@@ -31,6 +31,7 @@ from strands_actors.kernel.clock import Clock
 
 from .client import KortexClient, OpenStream, Page, log_in_at
 from .config import KinovaConfig
+from .hand import hand_report
 from .protocol import Call
 from .stopping import stop_arm
 
@@ -93,16 +94,16 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
                 raise
             return self._newest
 
-        reports, silent = await stop_arm(self.config.axes, clients, open_session)
+        reports, silent, fingers = await stop_arm(self.config.axes, clients, open_session)
         if not any(report.written for report in reports):
-            return Outcome(False, False, reason).reports(self.config.axes)
+            return Outcome(False, False, reason).reports(self.config.all_axes)
         if all_safe(reports) and self._wires in silent:
             self._drop_wires()
             others = [client for client in (self.session, self._newest) if client is not None]
-            reports, _ = await stop_arm(self.config.axes, others)
+            reports, _, fingers = await stop_arm(self.config.axes, others)
         if all_safe(reports):
             self._log_out()
-        return reports
+        return (*reports, hand_report(reports, fingers)) if self.config.gripper else reports
 
     def close(self) -> None:
         """Close the connections, and first the sessions at the base.

@@ -27,7 +27,7 @@ from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.rest_watch import Rest, RestWatch
 
 from .client import KortexClient, Refusal
-from .protocol import JOINTS, ArmState, Call, Feedback, Frame
+from .protocol import JOINTS, ArmState, Call, Feedback, Fingers, Frame
 
 AGAIN_S = 0.025
 """A stop command without a response is sent again after this time."""
@@ -155,11 +155,13 @@ class StopResult(NamedTuple):
 
     Attributes:
         reports: A report per joint. A joint is safe if it was measured at rest after the stop command.
+        fingers: The newest measurement of a gripper since the stop; None without one.
         silent: The clients on which the base has not answered the stop. Earlier requests may still wait there.
     """
 
     reports: tuple[MotorReport, ...]
     silent: tuple[KortexClient, ...]
+    fingers: Fingers | None
 
 
 async def stop_arm(
@@ -181,7 +183,9 @@ async def stop_arm(
     if not any(attempt.confirmed for attempt in attempts):
         await _try(Call.APPLY_EMERGENCY_STOP, [attempt for attempt in attempts if attempt.refused])
     silent = tuple(attempt.client for attempt in attempts if not attempt.answered)
-    return StopResult(_reports(axes, attempts, last_positions), silent)
+    newest = max(attempts, key=lambda attempt: attempt.received_s, default=None)
+    fingers = newest.feedback.fingers if newest is not None and newest.feedback is not None else None
+    return StopResult(_reports(axes, attempts, last_positions), silent, fingers)
 
 
 async def _try(call: Call, attempts: list[StopAttempt], open_session: OpenSession | None = None) -> None:

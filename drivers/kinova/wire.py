@@ -22,6 +22,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.hand_gates import with_hand
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.tcp_port import ByteStream, open_tcp
@@ -32,6 +33,7 @@ from . import protocol as p
 from .client import HANDSHAKE_S, SILENT_S, KortexClient, Page
 from .config import KinovaConfig
 from .gates import BASE, refuse_state
+from .hand import KinovaHand, hand_report
 from .protocol import ArmState, Call, Feedback, ServoingMode
 from .speeds import Course, position_now
 from .stop_channel import KinovaStopChannel
@@ -67,6 +69,7 @@ class KinovaSession:
         self.sent_ns = 0
         self.turning = False  # True if joints may be turning because of speeds that this driver sent.
         self.stops: list[int] = []  # Request numbers of the stops that ``read`` has sent, without a response yet.
+        self.hand: KinovaHand | None = None  # The gripper on the interface, if the driver commands one.
         self.lost = ""  # The reason why no speeds are sent until the arm is armed again.
 
     def take(self, number: int) -> None:
@@ -88,6 +91,8 @@ class KinovaSession:
             return
         self.position = feedback.unwrapped(self.position)
         self.feedback, self.stamp_ns, self.still_s = feedback, requested_ns, 0.0
+        if self.hand is not None:
+            self.hand.take(feedback, requested_ns)
 
     def forget_stops(self) -> None:
         """Discard the responses to earlier stops. They would not show that later speeds were stopped, too."""
@@ -131,6 +136,14 @@ class KinovaWire(SessionWire[KinovaSession]):
                 f"{self._config.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7 joints"
             )
         await self._see_it_measure(session)
+        if self._config.gripper:
+            if session.feedback.fingers is None:
+                raise WireDown(
+                    f"{self._config.robot}: the base reports no gripper on the interface. Check its cable, "
+                    "or leave gripper= out"
+                )
+            session.hand = KinovaHand(client)
+            session.hand.take(session.feedback, session.stamp_ns)
         return {"address": f"{host}:{port}", "actuators": joints}
 
     async def arm(self, permit: Permit) -> Observation:
@@ -158,6 +171,8 @@ class KinovaWire(SessionWire[KinovaSession]):
         await self._refresh(session)
         session.forget_stops()
         client.refusal, session.course, session.lost = None, None, ""
+        if session.hand is not None:
+            session.hand.arm()
         return self._observation(session)
 
     async def read(self) -> Observation:
@@ -191,16 +206,20 @@ class KinovaWire(SessionWire[KinovaSession]):
         permit.check()
         session.client.tell(Call.SEND_JOINT_SPEEDS, payload)
         session.course, session.sent_ns, session.turning = course, now_ns, any(speeds)
+        if session.hand is not None:
+            session.hand.follow(values[p.JOINTS], values[p.JOINTS + 1], now_ns, permit)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
-            return NOT_CONNECTED.reports(self._config.axes)
+            return NOT_CONNECTED.reports(self._config.all_axes)
         session.course = None
-        reports, _ = await stop_arm(self._config.axes, [session.client], last_positions=session.position)
+        reports, _, fingers = await stop_arm(self._config.axes, [session.client], last_positions=session.position)
         if all(report.acknowledged for report in reports):
             session.turning = False
-        return reports
+        if session.hand is None:
+            return reports
+        return (*reports, hand_report(reports, fingers, session.hand.held_at))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Stop the arm on a new session, and also on the lost connection if it still accepts bytes. If only the new
@@ -304,7 +323,7 @@ class KinovaWire(SessionWire[KinovaSession]):
         }
         if session.lost:
             faults[BASE] = session.lost
-        return Observation(
+        observation = Observation(
             t_ns=session.stamp_ns,
             position=session.position,
             stamp_ns=(session.stamp_ns,) * p.JOINTS,
@@ -320,6 +339,7 @@ class KinovaWire(SessionWire[KinovaSession]):
             },
             faults=faults,
         )
+        return observation if session.hand is None else with_hand(observation, session.hand)
 
 
 def _require_ready(feedback: Feedback) -> None:

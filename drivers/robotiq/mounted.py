@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.drivers.common.physics.fingers import FingerJoints
+from strands_actors.drivers.common.physics.fingers import motorise as motorise_fingers
 from strands_actors.drivers.common.physics.jointed import Jointed
-from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 from strands_actors.drivers.common.twin import Handler, answering
 
 from .body import CLOSED_RAD
@@ -36,8 +37,16 @@ GRIP_NM = 8.0
 STIFFNESS_NM_RAD, DAMPING_NM_S_RAD = 60.0, 4.0
 INERTIA_KG_M2 = 0.01
 """Gains of the motor, and the reflected inertia of each joint [assumed]."""
-STIFF = {"solref": [0.004, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
-"""How stiffly the mechanics couple the joints."""
+JOINTS = FingerJoints(
+    MOTOR,
+    FOLLOWERS,
+    open=0.0,
+    closed=CLOSED_RAD,
+    effort=GRIP_NM,
+    stiffness=STIFFNESS_NM_RAD,
+    damping=DAMPING_NM_S_RAD,
+    inertia=INERTIA_KG_M2,
+)
 BLOCKED_COUNTS, STILL_RAD_S = 12.0, 0.02
 """The fingers press an object if they are so far behind the motor, and slower than this."""
 
@@ -77,23 +86,7 @@ def _on_link(rows: str, column: int) -> str:
 
 def motorise(spec: Any) -> None:
     """Give the fingers in the model of an arm their motor, and the mechanics that couple them."""
-    for name in (MOTOR, *FOLLOWERS):
-        spec.joint(name).armature = INERTIA_KG_M2
-    for name in FOLLOWERS:
-        spec.add_equality(
-            default=PLAIN.default,
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            name=f"{name}_follows",
-            name1=name,
-            name2=MOTOR,
-            data=[0.0, 1.0, *[0.0] * 10],
-            **STIFF,
-        )
-    motor = spec.add_actuator(name=MOTOR, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=MOTOR)
-    motor.set_to_position(kp=STIFFNESS_NM_RAD, kv=DAMPING_NM_S_RAD)
-    motor.forcelimited = True
-    motor.forcerange = [-GRIP_NM, GRIP_NM]
+    motorise_fingers(spec, JOINTS)
 
 
 class PhysicalFingers:

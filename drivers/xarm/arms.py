@@ -12,6 +12,7 @@ import msgspec
 from strands_actors.contract.axis import Axis
 from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
+from .grippers import with_gripper
 from .protocol import JOINTS, Version
 
 TABLES = RobotTables(__package__, "xArm")
@@ -82,8 +83,14 @@ def axes_of(arm: Arm) -> tuple[Axis, ...]:
     )
 
 
-def model_table(robot: str, arm_type: ArmType) -> Mapping[str, Any]:
-    """Return the table of an arm of this type, in the form that ``drivers/common/physics/model_rows`` reads."""
+def model_table(robot: str, arm_type: ArmType, gripper: str = "") -> Mapping[str, Any]:
+    """Return the table of an arm of this type, in the form that ``drivers/common/physics/model_rows`` reads.
+
+    Args:
+        robot: Name of the robot.
+        arm_type: The type of its arm.
+        gripper: The gripper on its flange (``grippers``); empty for none.
+    """
     table, arm = TABLES.table(robot), arm_of(robot)
     rows = []
     for index, row in enumerate(table["model_rows"].strip().splitlines()):
@@ -92,12 +99,13 @@ def model_table(robot: str, arm_type: ArmType) -> Mapping[str, Any]:
         columns[3] = "-z" if index + 1 in arm_type.mirrored else "z"
         columns[6:9] = f"{low},{high}", str(arm.effort_nm[index]), str(arm.speed_rad_s)
         rows.append(" ".join(columns))
-    return {
+    own = {
         **table,
         "joints": [{"key": axis} for axis in AXES],
         "home_rad": mirrored(arm_type, arm.home_rad),
         "model_rows": "\n".join(rows),
     }
+    return with_gripper(own, gripper)
 
 
 def mirrored(arm_type: ArmType, rad: Sequence[float]) -> tuple[float, ...]:

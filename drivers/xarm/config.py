@@ -5,9 +5,10 @@ from __future__ import annotations
 import msgspec
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.kit.hand import AXIS as HAND
 from strands_actors.drivers.common.ports.addresses import parse_address
 
-from .arms import Arm, ArmType
+from .arms import AXES, Arm, ArmType
 from .protocol import CONTROL_PORT, JOINTS, Version
 
 LATE_S = 0.3
@@ -19,12 +20,19 @@ class XArmConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str
     arm: Arm
+    gripper: str = ""
+    """The gripper on the flange (``grippers``); empty for none."""
     silent_s: float = 0.3
     """The link counts as lost after this many seconds without a report, or with a request that is not answered."""
 
     def address(self) -> tuple[str, int]:
         """Return the host and the control port. Raise ``ValueError`` if ``port`` is not a valid address."""
         return parse_address(self.port, CONTROL_PORT)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The axes of the robot: the joints, and then its gripper."""
+        return (*AXES, HAND) if self.gripper else AXES
 
     @property
     def host(self) -> str:

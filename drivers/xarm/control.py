@@ -58,6 +58,8 @@ class Control:
         self._exchange: Exchange[int, int, p.Reply] = Exchange()
         # Codes of the error and the warning, from the last reply to ``ERRORS``.
         self.errors: tuple[int, int] = (0, 0)
+        # Called with each reply to a request.
+        self.on_reply: Callable[[p.Reply], None] = lambda reply: None
         self.error_pending = False  # the error bit in the state byte of the last reply
         self.state_set = 0  # number of the last ``SET_STATE`` request that was answered
 
@@ -143,6 +145,7 @@ class Control:
             self.errors = p.errors_of(reply.data)
         if reply.register == Register.SET_STATE:
             self.state_set = reply.number
+        self.on_reply(reply)
 
 
 async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Control:

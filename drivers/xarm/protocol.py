@@ -55,6 +55,9 @@ class Register(enum.IntEnum):
     POSE_VELOCITY = 82
     MOVE_RELATIVE = 83
     MOVE_LINE_AXIS_ANGLE = 92
+    TOOL_RS485 = 124
+    TOOL_WRITE_16 = 127
+    TOOL_READ_16 = 128
     SERVO_POSE_AXIS_ANGLE = 93
 
 
@@ -248,7 +251,129 @@ def classify(body: bytes) -> tuple[str, str | None]:
             return "setpoint", None
         case Register.CLEAR_ERROR | Register.CLEAR_WARNING:
             return "config", None
+        case Register.TOOL_RS485 | Register.TOOL_WRITE_16:
+            return classify_tool(body), None
     return "read" if register in tuple(Register) else "other", None
+
+
+# -- the tool's board and the gripper on the tool's bus
+
+TOOL_BOARD, GRIPPER_ID = 9, 8
+"""Numbers of the tool's board and of the gripper on the tool's bus."""
+
+READ_REGISTERS, WRITE_REGISTERS = 3, 16
+"""Functions of Modbus."""
+
+
+class GripperRegister(enum.IntEnum):
+    """Registers of the gripper. A position has 32 bits, every other one 16."""
+
+    STATUS = 0x0000
+    ERROR = 0x000F
+    ENABLE = 0x0100
+    MODE = 0x0101
+    SPEED = 0x0303
+    TARGET = 0x0700
+    POSITION = 0x0702
+
+
+class GripperStatus(enum.IntEnum):
+    """The lowest two bits of the gripper's status."""
+
+    AT_REST = 0
+    MOVES = 1
+    GRASPED = 2
+
+
+class ToolRegister(enum.IntEnum):
+    """Registers of the tool's board. The first output switches the vacuum on, the second one blows it off."""
+
+    DIGITAL_INPUTS = 0x0A14
+    SET_DIGITAL = 0x0A15
+    DIGITAL_OUTPUTS = 0x0A18
+
+
+_WIDE = (GripperRegister.TARGET, GripperRegister.POSITION)
+
+GRIPPER_ERRORS = {
+    9: "current detection",
+    11: "overload: over-current",
+    12: "overload: over-speed",
+    14: "position command past its limit",
+    15: "memory",
+    20: "driver",
+    21: "driver initialisation",
+    23: "large position deviation",
+    25: "command past its limit",
+    26: "feedback position past its limit",
+    33: "drive overload",
+    34: "motor overload",
+    36: "driver type",
+}
+"""Error codes of the gripper, from the vendor's SDK and manual."""
+
+
+def read_gripper(register: GripperRegister) -> bytes:
+    """Return the data of a ``TOOL_RS485`` request that reads a register of the gripper."""
+    count = 2 if register in _WIDE else 1
+    return struct.pack(">BBBHH", TOOL_BOARD, GRIPPER_ID, READ_REGISTERS, register, count)
+
+
+def write_gripper(register: GripperRegister, value: int) -> bytes:
+    """Return the data of a ``TOOL_RS485`` request that writes a register of the gripper."""
+    head = struct.pack(">BBBH", TOOL_BOARD, GRIPPER_ID, WRITE_REGISTERS, register)
+    if register in _WIDE:
+        return head + struct.pack(">HBi", 2, 4, value)
+    return head + struct.pack(">HBH", 1, 2, value)
+
+
+def gripper_value(data: bytes) -> int | None:
+    """Return the value in the answer to ``read_gripper``; None if the gripper has refused it or it is malformed."""
+    if len(data) in (6, 8) and data[2] == READ_REGISTERS and data[3] == len(data) - 4:
+        return int.from_bytes(data[4:], "big", signed=True)
+    return None
+
+
+def is_written(data: bytes) -> bool:
+    """Return True if this answer to ``write_gripper`` confirms it."""
+    return len(data) >= 3 and data[2] == WRITE_REGISTERS
+
+
+def setpoint_pulses(pulses: float) -> int:
+    """Return the target of a setpoint. Setpoints are even and stops odd, so that the log of sent frames can tell a
+    stop from a setpoint."""
+    return 2 * round(pulses / 2)
+
+
+def stop_pulses(pulses: int) -> int:
+    """Return the target that stops moving fingers where they are: their position, as an odd number."""
+    return pulses | 1
+
+
+def vacuum(on: bool) -> bytes:
+    """Return the data of a ``TOOL_WRITE_16`` request that switches the vacuum on or off, at once."""
+    word = 0x0301 if on else 0x0302
+    return struct.pack(">BH", TOOL_BOARD, ToolRegister.SET_DIGITAL) + floats((float(word),)) + b"\0"
+
+
+def read_tool(register: ToolRegister) -> bytes:
+    """Return the data of a ``TOOL_READ_16`` request to the tool's board."""
+    return struct.pack(">BH", TOOL_BOARD, register)
+
+
+def classify_tool(body: bytes) -> str:
+    """Return the kind of a request to the tool for the log of sent frames."""
+    register, data = body[0], body[1:]
+    if register == Register.TOOL_WRITE_16:
+        return "setpoint" if data[:3] == vacuum(True)[:3] else "config"
+    if len(data) < 5 or data[1] != GRIPPER_ID or data[2] != WRITE_REGISTERS:
+        return "read"
+    match int.from_bytes(data[3:5], "big"):
+        case GripperRegister.TARGET:
+            return "safe" if data[-1] & 1 else "setpoint"
+        case GripperRegister.ENABLE:
+            return "enable"
+    return "config"
 
 
 # -- the version text of a controller

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.contract.wire import MotorReport
+from strands_actors.drivers.common.kit.hand import AXIS as HAND
 from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.drivers.common.ports.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
@@ -14,6 +15,8 @@ from strands_actors.kernel.clock import Clock
 from .arms import AXES
 from .config import XArmConfig
 from .control import Control, OpenStream, open_control, stop
+from .grippers import HAND_ID
+from .hand import keep_grip
 
 
 class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
@@ -31,10 +34,14 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
         return await open_control(self.config, self.clock, self._open_stream)
 
     async def make_safe_by(self, port: Control, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        return (await stop(port)).reports(AXES)
+        reports = (await stop(port)).reports(AXES)
+        if not self.config.gripper:
+            return reports
+        grip, _ = await keep_grip(port, self.config.gripper)
+        return (*reports, *grip.reports((HAND,), (HAND_ID,)))
 
     def failed(self, reason: str, port: Control | None = None) -> tuple[MotorReport, ...]:
-        return Outcome(False, False, reason).reports(AXES)
+        return Outcome(False, False, reason).reports(self.config.axes)
 
     def release(self, port: Control) -> None:
         # Close after delivery, so that a frozen controller still receives the stop when it continues.

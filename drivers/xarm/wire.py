@@ -12,6 +12,8 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.kit.hand import AXIS as HAND
+from strands_actors.drivers.common.kit.hand_gates import with_hand
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.tcp_port import open_tcp
@@ -22,6 +24,8 @@ from .arms import AXES
 from .config import XArmConfig
 from .control import CONFIRM_S, OpenStream, stop
 from .gates import CONDITIONS
+from .grippers import HAND_ID
+from .hand import XArmHand
 from .protocol import Mode, Register, State
 from .session import XArmSession, open_session
 from .stop_channel import XArmStopChannel
@@ -49,11 +53,19 @@ class XArmWire(SessionWire[XArmSession]):
         self._config = config
         self._clock = clock
         self._open_stream = open_stream
+        self._hand = XArmHand(config, clock, open_stream) if config.gripper else None
 
     async def open(self) -> dict[str, Any]:
         self.close()
         self.session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
-        return facts
+        if self._hand is None:
+            return facts
+        try:
+            await self._hand.open()
+        except BaseException:
+            self.close()
+            raise
+        return {**facts, "gripper": self._config.gripper}
 
     async def arm(self, permit: Permit) -> Observation:
         session = self.session
@@ -86,6 +98,8 @@ class XArmWire(SessionWire[XArmSession]):
                 "Restart it"
             )
         session.target = position
+        if self._hand is not None:
+            await self._hand.arm(permit)
         return self._observation(session)
 
     @property
@@ -105,6 +119,8 @@ class XArmWire(SessionWire[XArmSession]):
         if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
             session.errors_requested_ns = now_ns
+        if self._hand is not None:
+            self._hand.read(now_ns)
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -114,15 +130,36 @@ class XArmWire(SessionWire[XArmSession]):
         silent_s = session.silent_s(now_ns)
         if silent_s > QUIET_S:
             raise PermitDenied(f"the controller has sent nothing for {silent_s * 1e3:.0f} ms")
-        target = session.within_range(values)
+        target = session.within_range(values[: p.JOINTS])
         permit.check()
         session.control.send(Register.SERVO_JOINT, p.servo_data(target))
         session.target = target
+        if self._hand is not None:
+            self._hand.follow(values[p.JOINTS], values[p.JOINTS + 1], permit)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        hand = self._hand
+        if hand is None or self.session_or_none is None:
+            return await self._make_arm_safe(safe_state)
+        grip = NOT_CONNECTED
+
+        async def keep_grip() -> None:
+            nonlocal grip
+            grip = await hand.keep_grip()
+
+        async with trio.open_nursery() as nursery:
+            # The new task runs only when the arm waits for its first answer, so the arm is stopped first.
+            nursery.start_soon(keep_grip)
+            reports = await self._make_arm_safe(safe_state)
+        if len(reports) > p.JOINTS and not grip.written:
+            return reports  # The stop channel has reached the gripper, too.
+        kept = hand.opening if hand.commanded is None else hand.commanded
+        return (*reports[: p.JOINTS], *grip.reports((HAND,), (HAND_ID,), (kept,)))
+
+    async def _make_arm_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
-            return NOT_CONNECTED.reports(AXES)
+            return NOT_CONNECTED.reports(self._config.axes)
         self.hold_failed = ""
         if safe_state == SafeState.HOLD:
             outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
@@ -150,7 +187,7 @@ class XArmWire(SessionWire[XArmSession]):
         finally:
             self._close_if_answered()
         if sent and not any(report.written for report in reports):
-            return Outcome(True, False, reports[0].detail).reports(AXES)
+            return Outcome(True, False, reports[0].detail).reports(self._config.axes)
         return reports
 
     def _tell_to_stop(self) -> bool:
@@ -183,6 +220,8 @@ class XArmWire(SessionWire[XArmSession]):
             session.close()
 
     def close(self) -> None:
+        if self._hand is not None:
+            self._hand.close()
         if self.session_or_none is not None:
             self.session_or_none.close()
         self.session_or_none = None
@@ -259,7 +298,7 @@ class XArmWire(SessionWire[XArmSession]):
     def _observation(self, session: XArmSession) -> Observation:
         report, (error, warning) = session.report, session.control.errors
         low, high = zip(*session.arm_type.range_rad, strict=True)
-        return Observation(
+        observation = Observation(
             t_ns=session.stamp_ns,
             position=report.position_rad,
             stamp_ns=(session.stamp_ns,) * p.JOINTS,
@@ -277,3 +316,4 @@ class XArmWire(SessionWire[XArmSession]):
             },
             faults={"controller": f"error {p.error_words(error)}"} if error else {},
         )
+        return observation if self._hand is None else with_hand(observation, self._hand)

@@ -9,6 +9,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code, RefusalCode
 
 CLEAR_IT = "clear the cause, then try again"
+CLEAR_HAND = "look at the hand and its cable, then call resume()"
 _STAY_WITHIN = "stay within this range"
 
 
@@ -32,6 +33,7 @@ class MotorCode(RefusalCode):
         "a servo's bus watchdog is off",
         "end the program that has switched it off, then stop and resume",
     )
+    HAND = "hand", "the hand of an arm is lost or reports a fault", CLEAR_HAND
     LIMP = "limp", "a motor has no torque", "take the load off, then stop and resume to energise it again"
 
 
@@ -142,3 +144,18 @@ def motor_fault(code: MotorCode, key: str, faults: Sequence[str]) -> Refused:
     else:
         state = f"reports {others}"
     return Refused(code, f"{key} {state}", code.remedy, ", ".join(faults), "no fault")
+
+
+# -- the hand of an arm (``hand``)
+
+
+def hand_not_named(given: str, axis: str) -> Refused:
+    return Refused(Code.EMPTY, f"{given} is given without {axis}", f"name {axis} in the same action", given, axis)
+
+
+def hand_fault(axis: str, fault: str) -> Refused:
+    return Refused(MotorCode.HAND, f"the hand cannot take {axis}: {fault}", CLEAR_HAND, fault, "no fault")
+
+
+def no_hand_setting(key: str) -> Refused:
+    return Refused(Code.UNKNOWN_KEY, f"this hand has no setting for {key}", f"leave {key} out", key)

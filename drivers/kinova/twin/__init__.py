@@ -1,8 +1,9 @@
 """Simulate a Gen3 (a "twin"): a Kortex server on TCP and UDP, its base, its arm and its gripper.
 
 A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``state
-NAME`` and ``mode NAME``, with the names of ``protocol.ArmState`` and ``protocol.ServoingMode``. Its log of all
-frames (wire log) shows no passwords.
+NAME`` and ``mode NAME``, with the names of ``protocol.ArmState`` and ``protocol.ServoingMode``. ``object PERCENT``
+puts something between the fingers, which meet it when they are so far open. ``object none`` takes it away.
+``gripper lost|found`` takes the gripper from the interface. Its log of all frames (wire log) shows no passwords.
 """
 
 from __future__ import annotations
@@ -14,10 +15,16 @@ from typing import Annotated, Any
 import msgspec
 import trio
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs import protobuf as pb
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.body import TIMESTEP_S
 from strands_actors.drivers.common.physics.controlled_body import ControlledBody
+from strands_actors.drivers.common.physics.fingers import PhysicalFingers
+from strands_actors.drivers.common.physics.handed_body import HandedBody
+from strands_actors.drivers.common.physics.model_rows import build as build_model
+from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
@@ -33,7 +40,7 @@ from strands_actors.drivers.common.twin import (
 from strands_actors.drivers.common.twin.server import Conversation
 from strands_actors.drivers.common.twin.tcp import Connection
 from strands_actors.drivers.kinova import protocol as p
-from strands_actors.drivers.kinova.robots import TABLES
+from strands_actors.drivers.kinova.robots import MOUNTED, TABLES, model_table
 
 from .base import Base
 from .datagrams import Datagrams
@@ -45,7 +52,8 @@ MODELLED = (CALLS, ACTIONS)
 
 class OnInterface(enum.StrEnum):
     NONE = "none"
-    ROBOTIQ_2F_85 = "robotiq_2f_85"
+    ROBOTIQ_2F_85 = "robotiq_2f_85"  # without physics
+    MOUNTED = "robotiq_2f85"  # in the physics of the arm
 
 
 class KinovaTwinOptions(NetworkOptions, frozen=True):
@@ -53,9 +61,12 @@ class KinovaTwinOptions(NetworkOptions, frozen=True):
     username: Annotated[str, option("of those who may open a session")] = "admin"
     password: Annotated[str, option("theirs")] = "admin"
     second: Annotated[Second, option(f"what becomes of a second session: {', '.join(Second)}")] = Second.ACCEPTED
-    gripper: Annotated[OnInterface, option(f"gripper on the interface: {', '.join(OnInterface)}")] = (
-        OnInterface.ROBOTIQ_2F_85
-    )
+    gripper: Annotated[
+        OnInterface,
+        option(
+            f"gripper on the interface: {', '.join(OnInterface)}; only the last one is in the physics of the arm"
+        ),
+    ] = OnInterface.ROBOTIQ_2F_85
 
 
 class KinovaBody(ControlledBody):
@@ -79,6 +90,11 @@ class KinovaBody(ControlledBody):
     def set_controller_targets(self, values: Sequence[float]) -> None:
         self._base.set_targets(list(values))
 
+    def step(self, steps: int) -> None:
+        if self._base.gripper is not None:
+            self._base.gripper.pass_time(steps * TIMESTEP_S)
+        super().step(steps)
+
     def reset(self) -> None:
         super().reset()
         self._base.wake_up()
@@ -90,10 +106,15 @@ class KinovaTwin(TwinRobot):
     TICK_S = 0.01
     RESTART_CUTS = True
 
-    def __init__(self, base: Base) -> None:
+    def __init__(self, base: Base, *, mounted: bool = False) -> None:
+        """Args:
+        base: The base.
+        mounted: True if the gripper is in the physics of the arm, and so one more axis for a simulation.
+        """
         super().__init__()
         self.base = base
-        self.body = KinovaBody(base)
+        arm = KinovaBody(base)
+        self.body = HandedBody(arm, base.gripper.motion) if mounted and base.gripper is not None else arm
 
     def begin_fault(self, fault: Fault) -> None:
         self.base.advance()
@@ -111,6 +132,10 @@ class KinovaTwin(TwinRobot):
                 self.base.set_state(p.ArmState[name])
             case ["mode", name] if name in p.ServoingMode.__members__:
                 self.base.set_mode(p.ServoingMode[name])
+            case ["object", place] if self.base.gripper and (place == "none" or place.isdecimal()):
+                self.base.gripper.motion.object_at = None if place == "none" else 1.0 - int(place) / 100
+            case ["gripper", "lost" | "found" as word] if self.base.gripper:
+                self.base.gripper.lost = word == "lost"
             case _:
                 return False
         return True
@@ -201,15 +226,23 @@ def twin_of(robot: str, **options: Any) -> KinovaTwin:
     return KinovaTwin(Base(TABLES.table(robot), **options))
 
 
+def twin_with_gripper(robot: str, gripper: str, **options: Any) -> KinovaTwin:
+    """Return a simulated robot with a gripper in the physics of its arm."""
+    table = model_table(robot, gripper)
+    spec = build_model(table)
+    load(f"{MOUNTED}:motorise")(spec)
+    plant = Plant(spec, [joint["key"] for joint in table["joints"]], float(table["bandwidth"]), table["home_rad"])
+    fingers = PhysicalFingers(plant, load(f"{MOUNTED}:JOINTS"))
+    return KinovaTwin(Base(TABLES.table(robot), plant=plant, fingers=fingers, **options), mounted=True)
+
+
 def build(robot: str, options: KinovaTwinOptions, log: WireLog) -> KinovaServer:
     """Return the server of a robot of ``robots.toml``."""
-    twin = twin_of(
-        robot,
-        username=options.username,
-        password=options.password,
-        second=options.second,
-        has_gripper=options.gripper is OnInterface.ROBOTIQ_2F_85,
-    )
+    base = {"username": options.username, "password": options.password, "second": options.second}
+    if options.gripper is OnInterface.MOUNTED:
+        twin = twin_with_gripper(robot, options.gripper, **base)
+    else:
+        twin = twin_of(robot, has_gripper=options.gripper is OnInterface.ROBOTIQ_2F_85, **base)
     return KinovaServer(twin, options.port, log, options.host)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.physics.hand_motion import Fingers, HandMotion
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
@@ -66,6 +67,7 @@ class Controller:
         has_gripper: bool = True,
         now_s: Callable[[], float] = time.monotonic,
         plant: Plant | None = None,
+        fingers: Fingers | None = None,
     ) -> None:
         """Build the controller.
 
@@ -77,6 +79,7 @@ class Controller:
             has_gripper: True for a Robotiq 2F-85 on the interface.
             now_s: Returns the present time.
             plant: The body of the arm; None for the one of the table.
+            fingers: The fingers of the gripper in the body of the arm; None for fingers without physics.
         """
         self.plant = plant or Plant.from_table(table)
         self.now_s = now_s
@@ -85,7 +88,7 @@ class Controller:
         self.topics = Topics()
         self.users = Users(User(username, password), self._report_change)
         self.sessions = Sessions(self.users, second, now_s, self.topics.forget)
-        self.gripper = Gripper() if has_gripper else None
+        self.gripper = Gripper(HandMotion(fingers)) if has_gripper else None
         self.devices = Devices(has_gripper)
         self.zones: Store[Zone] = Store(ZONE_FIELD, self._report_change)
         self.arm = Arm(self.plant, table, lambda: self.kinematics, self._is_free)
@@ -306,7 +309,7 @@ class Controller:
 
     def grip(self, payload: bytes) -> None:
         self._require_ready()
-        if self.gripper is None:
+        if self.gripper is None or self.gripper.lost:
             raise CallFailed(SubError.DEVICE_DISCONNECTED, "the arm has no gripper")
         self.gripper.obey(payload)
 

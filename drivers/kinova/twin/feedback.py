@@ -85,7 +85,7 @@ class Readings:
             + m.floats(commanded, 35)
         )
         interface = m.floats((SUPPLY_V, ROOM_C), 10)
-        if self._gripper is not None:
+        if self._gripper is not None and not self._gripper.lost:
             interface += pb.bytes_field(18, self._gripper.feedback())
         return feedback.encode(of_base, pb.bytes_field(4, interface))
 

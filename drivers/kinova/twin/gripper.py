@@ -1,7 +1,4 @@
-"""Simulate a Robotiq 2F-85 on the interface of the arm, as its base shows it. No clock: the base gives the time.
-
-Nothing is between the fingers. The body of the arm in MuJoCo has no fingers, so the fingers move here.
-"""
+"""Simulate a Robotiq 2F-85 on the interface of the arm, as its base shows it. No clock: the base gives the time."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import enum
 import math
 
 from strands_actors.drivers.common.codecs import protobuf as pb
+from strands_actors.drivers.common.physics.hand_motion import HandMotion
 from strands_actors.drivers.kinova.protocol import SubError
 
 from . import messages as m
@@ -30,20 +28,31 @@ class Mode(enum.IntEnum):
 class Gripper:
     """``position`` is 0 for open and 1 for closed."""
 
-    def __init__(self) -> None:
-        self.position = 0.0
-        self.speed = 0.0
-        """The present speed in strokes per second, positive while it closes."""
-        self._goal = 0.0
-        self._fastest = 0.0
+    def __init__(self, motion: HandMotion | None = None) -> None:
+        """Args:
+        motion: The motion of fingers with physics; None for fingers that always follow.
+        """
+        self.motion = motion or HandMotion()
+        self._fastest = FASTEST_PER_S
         self._left_s = math.inf
+        self.lost = False  # True while it is not on the interface
+
+    @property
+    def position(self) -> float:
+        return self.motion.closed
+
+    @property
+    def speed(self) -> float:
+        """The present speed in strokes per second, positive while it closes."""
+        return math.copysign(self._fastest, self.motion.goal - self.motion.motor) if self.moves else 0.0
 
     @property
     def moves(self) -> bool:
-        return self.speed != 0.0
+        return self.motion.moves
 
     def stop(self) -> None:
-        self._goal, self.speed, self._fastest = self.position, 0.0, 0.0
+        """Stop where the fingers are. Fingers that hold an object press on [assumed]."""
+        self.motion.halt()
 
     def obey(self, payload: bytes) -> None:
         """Carry out a ``GripperCommand``. Raise ``CallFailed`` if it is invalid."""
@@ -66,21 +75,19 @@ class Gripper:
 
     def move(self, goal: float, share_of_speed: float) -> None:
         """Move the fingers to a position, at a share (0..1) of the full speed."""
-        self._goal, self._fastest = goal, share_of_speed * FASTEST_PER_S
+        self._fastest = share_of_speed * FASTEST_PER_S
         self._left_s = math.inf
-        self.speed = self._signed()
+        self.motion.move_to(goal if self._fastest else self.motion.closed)
 
     def pass_time(self, seconds: float) -> None:
         """Move the fingers for so long."""
-        if not self.moves:
-            return
         seconds = min(seconds, self._left_s)
-        self._left_s -= seconds
-        way = self._goal - self.position
-        self.position += math.copysign(min(abs(way), self._fastest * seconds), way)
+        if self.moves:
+            self._left_s -= seconds
+        self.motion.advance(seconds, self._fastest)
         if self._left_s <= 0.0:
             self.stop()
-        self.speed = self._signed()
+            self._left_s = math.inf
 
     def measured(self, payload: bytes) -> bytes:
         """Return the ``Gripper`` message for a ``GripperRequest``."""
@@ -106,15 +113,11 @@ class Gripper:
             pb.fixed32_field(1, 1)
             + pb.float_field(4, 100.0 * self.position)
             + pb.float_field(5, 100.0 * abs(self.speed) / FASTEST_PER_S)
-            + pb.float_field(7, MILLIAMPERES if self.moves else 0.0)
+            + pb.float_field(7, MILLIAMPERES if self.moves or self.motion.holds else 0.0)
             + pb.float_field(8, SUPPLY_V)
             + pb.float_field(10, ROOM_C)
         )
         return pb.bytes_field(7, motor)
-
-    def _signed(self) -> float:
-        way = self._goal - self.position
-        return math.copysign(self._fastest, way) if abs(way) > 1e-9 else 0.0
 
     def _require(self, low: float, value: float) -> None:
         if value > 1.0:

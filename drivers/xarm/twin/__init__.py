@@ -1,7 +1,9 @@
 """Simulate an xArm's controller: the control port and three report ports, with MuJoCo for the arm.
 
 Besides the commands of every simulated robot, the control socket accepts ``error CODE`` (0 removes the error),
-``state N`` and ``mode N``. They act as if another client of the controller had set these values.
+``state N`` and ``mode N``. They act as if another client of the controller had set these values. ``gripper error
+CODE`` and ``gripper lost|found`` are faults of the gripper. ``object PERCENT`` puts something between its fingers,
+which meet it when they are so far open, and under the vacuum gripper. ``object none`` takes it away.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import Annotated
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.controlled_body import SharedBody
+from strands_actors.drivers.common.physics.handed_body import HandedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import (
     ClientGone,
@@ -34,6 +37,7 @@ from strands_actors.drivers.common.twin import (
 )
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of
+from strands_actors.drivers.xarm.grippers import Gripper
 
 from .controller import TICK_HZ, Controller
 from .modbus import FUNCTIONS, Modbus
@@ -57,6 +61,10 @@ class XArmTwinOptions(HostOption, frozen=True):
     speed_limit_rad_s: Annotated[float, option("joint speed limit that the controller reports, in rad/s", gt=0)] = (
         3.14159
     )
+    gripper: Annotated[
+        Gripper | None,
+        option("the gripper on its flange, in the physics of the arm; None: one without physics on the tool's bus"),
+    ] = None
 
 
 class ControlSession:
@@ -112,10 +120,11 @@ class XArmTwin(TwinRobot):
     TICK_S = 1.0 / TICK_HZ
     RESTART_CUTS = True
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, gripper: str = "") -> None:
         super().__init__()
         self.controller = controller
-        self.body = SharedBody(controller, lambda: controller.runs)
+        arm = SharedBody(controller, lambda: controller.runs)
+        self.body = HandedBody(arm, controller.devices.gripper.motion) if gripper else arm
         self._publisher = Publisher(controller, self.faults)
 
     def handlers(self, port: int) -> dict[int, Handler]:
@@ -142,6 +151,12 @@ class XArmTwin(TwinRobot):
                 self.controller.set_state(int(number))
             case ["mode", number] if number.isdecimal():
                 self.controller.set_mode(int(number))
+            case ["gripper", "error", code] if code.isdecimal():
+                self.controller.devices.gripper.fail(int(code))
+            case ["gripper", "lost" | "found" as word]:
+                self.controller.devices.gripper.lost = word == "lost"
+            case ["object", place] if place == "none" or place.isdecimal():
+                self.controller.devices.put_object(None if place == "none" else 1.0 - int(place) / 100)
             case _:
                 return False
         return True
@@ -167,6 +182,7 @@ def controller_of(
     speed_limit_rad_s: float = 3.14159,
     now_s: Callable[[], float] = time.monotonic,
     plant: Plant | None = None,
+    gripper: str = "",
 ) -> Controller:
     """Return a simulated controller. Raise ``ValueError`` for an unknown ``arm_type``."""
     arm = arm_of(robot)
@@ -175,7 +191,10 @@ def controller_of(
     if index is None:
         numbers = ", ".join(map(str, sorted({each.number for each in arm.types})))
         raise ValueError(f"arm_type is {arm_type}. Use one of {numbers}")
-    return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
+    arm_type_used = arm.types[index]
+    return Controller(
+        robot, arm_type_used, text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant, gripper=gripper
+    )
 
 
 def build(robot: str, options: XArmTwinOptions, log: WireLog) -> TcpServer:
@@ -188,7 +207,9 @@ def build(robot: str, options: XArmTwinOptions, log: WireLog) -> TcpServer:
             serial=options.serial,
             firmware=options.firmware,
             speed_limit_rad_s=options.speed_limit_rad_s,
-        )
+            gripper=options.gripper or "",
+        ),
+        options.gripper or "",
     )
     return TcpServer(twin, twin.handlers(port), log, options.host)
 

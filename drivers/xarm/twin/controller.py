@@ -17,10 +17,11 @@ from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.physics.poses import Pose
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm import reports as r
-from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table
+from strands_actors.drivers.xarm.arms import ArmType, arm_of
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
 
 from .devices import Devices
+from .grippers import hand_of, plant_of
 from .kinematics import Kinematics
 from .limits import Limits
 from .motions import Act, ErrorCode, Joints, Motion, MotionFault
@@ -63,6 +64,7 @@ class Controller:
         speed_limit_rad_s: float,
         now_s: Callable[[], float] = time.monotonic,
         plant: Plant | None = None,
+        gripper: str = "",
     ) -> None:
         """Args:
         robot: Name of the robot.
@@ -72,8 +74,10 @@ class Controller:
             robot's table is enforced too, if it is lower.
         now_s: The clock.
         plant: The physics of the arm; None for the arm in the robot's table.
+        gripper: The gripper with physics on its flange; empty for none. The tool's bus has one all the same.
         """
-        self.plant = plant or Plant.from_table(model_table(robot, arm_type))
+        self.plant = plant or plant_of(robot, arm_type, gripper)
+        self._hand = hand_of(gripper, self.plant)
         self.version_text = version
         self.version = p.parse_version(version.encode())
         self.speed_limit_rad_s = speed_limit_rad_s
@@ -97,7 +101,8 @@ class Controller:
         self.enabled = 0  # enabled motors, one bit per joint
         self._released = 0  # joints without power and without brake, one bit per joint
         self.count = 0  # counter that clients reset and increase
-        self.devices = Devices(self._defer)
+        self.devices = Devices(self._defer, self._hand)
+        self.devices.gripper.motion.halt()
         self._limits.reset()
         self._kinematics.set_tool(None)
         self._kinematics.set_world(None)
@@ -370,6 +375,7 @@ class Controller:
         """Let the simulation, another program on this computer, move the arm (``on``), or let the clients of the
         real protocol move it again."""
         self.simulation_moves = on
+        self.devices.gripper.speed = self.devices.gripper.FASTEST
         self._halt()
         self._set_brakes()
 
@@ -392,7 +398,6 @@ class Controller:
         elapsed_s, self._ticked_s = min(now_s - self._ticked_s, 0.1), now_s
         self.advance(elapsed_s)
         self.plant.catch_up(now_s)
-        self.devices.tick(elapsed_s)
         if self.state in _RUNNING:
             moves = max(map(abs, self.plant.velocity_rad_s)) > AT_REST_RAD_S
             self.state = State.MOVING if self._queue or moves else State.READY
@@ -408,6 +413,7 @@ class Controller:
                 self.fail(fault.code)
         for joint, rad in enumerate(self._target):
             self.plant.set_target(joint, rad)
+        self.devices.tick(elapsed_s)
 
     def _follow(self, elapsed_s: float) -> None:
         """Advance the setpoint of the joints. Raise ``MotionFault`` if that is impossible."""

@@ -9,7 +9,9 @@ import struct
 from collections.abc import Callable
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.physics.hand_motion import HandMotion
 from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm.protocol import Register
 
 from .registers import Other
 
@@ -23,37 +25,53 @@ INPUTS = 16
 
 
 class Gripper:
-    """A simulated xArm gripper. It grips nothing: it always reaches its target."""
+    """A simulated xArm gripper. Its position is in pulses: 0 is closed, and 850 open."""
 
     STATUS, ERROR, ENABLE, MODE, RESET, SPEED = 0x0000, 0x000F, 0x0100, 0x0101, 0x0109, 0x0303
-    TARGET, POSITION, VERSION, ZERO = 0x0700, 0x0702, 0x0801, 0x0817
+    TARGET, POSITION, VERSION = 0x0700, 0x0702, 0x0801
 
-    LOWEST, HIGHEST = -10, 850
+    LOWEST, HIGHEST, FASTEST = -10, 850, 5000
     OVER_LIMIT = 25
     PULSES_OF_SPEED = 0.2
     """Pulses a second at a speed of 1 [assumed]."""
 
-    def __init__(self) -> None:
+    MOVING, GRASPED = 1, 2
+    """Values of the status; 0 at rest."""
+
+    def __init__(self, motion: HandMotion | None = None) -> None:
         self.enabled = False
-        self.position = float(self.HIGHEST)
-        self.target = self.HIGHEST
+        self.motion = motion or HandMotion(most=1.0 - self.LOWEST / self.HIGHEST)
         self.error = self.mode = 0
         self.speed = 1500
-
-    def tick(self, elapsed_s: float) -> None:
-        if self.enabled and not self.error:
-            step = self.speed * self.PULSES_OF_SPEED * elapsed_s
-            self.position += max(-step, min(step, self.target - self.position))
+        self.lost = False  # True while nothing on the bus gets an answer of the gripper
 
     @property
-    def moves(self) -> bool:
-        return self.enabled and not self.error and self.position != self.target
+    def position(self) -> float:
+        return self.HIGHEST * (1.0 - self.motion.closed)
+
+    def tick(self, elapsed_s: float) -> None:
+        self.motion.stuck = bool(self.error)
+        self.motion.advance(elapsed_s, self.speed * self.PULSES_OF_SPEED / self.HIGHEST)
+
+    def fail(self, error: int) -> None:
+        """Set an error: the motor stops. The fingers keep their grip [assumed]. The code 0 removes the error."""
+        if error:
+            self.motion.halt()
+        self.error = error
+
+    @property
+    def status(self) -> int:
+        return self.GRASPED if self.motion.holds else int(self.motion.moves)
+
+    @property
+    def target(self) -> int:
+        return round(self.HIGHEST * (1.0 - self.motion.goal))
 
     def read(self, address: int) -> int:
         """Return a number of 16 or 32 bits. Raise ``MalformedFrame`` for an unknown address."""
         match address:
             case self.STATUS:
-                return int(self.moves)
+                return self.status
             case self.ERROR:
                 return self.error
             case self.ENABLE:
@@ -74,21 +92,21 @@ class Gripper:
         """Write a number. Raise ``MalformedFrame`` for an unknown address, or for a value that is not possible."""
         match address:
             case self.ENABLE if value in (0, 1):
+                # A gripper that gets power, or loses it, holds its position.
+                if self.enabled != bool(value):
+                    self.motion.halt()
                 self.enabled = bool(value)
-                # A gripper that gets power holds its position.
-                self.target = round(self.position)
             case self.MODE if value == 0:
                 self.mode = value
             case self.SPEED if value >= 0:
-                self.speed = min(value, 5000)
+                self.speed = min(value, self.FASTEST)
             case self.TARGET if self.LOWEST <= value <= self.HIGHEST:
-                self.target = value
+                if self.enabled and not self.error:
+                    self.motion.move_to(1.0 - value / self.HIGHEST)
             case self.TARGET:
-                self.error = self.OVER_LIMIT
+                self.fail(self.OVER_LIMIT)
             case self.RESET:
                 self.error = 0
-            case self.ZERO:
-                self.position, self.target = 0.0, 0
             case _:
                 raise MalformedFrame(f"register {address:#06x} of the gripper with {value}")
 
@@ -99,12 +117,14 @@ class Devices:
     BAUD, SET_BAUD, REBOOT, VERSION = 0x0A0B, 0x1A0B, 0x0607, 0x0801
     DIGITAL_INPUTS, SET_DIGITAL, ANALOG_INPUTS, DIGITAL_OUTPUTS = (0x0A14, 0x0A12), 0x0A15, (0x0A16, 0x0A17), 0x0A18
 
-    def __init__(self, defer: Callable[[Callable[[], None]], None]) -> None:
+    def __init__(self, defer: Callable[[Callable[[], None]], None], motion: HandMotion | None = None) -> None:
         """Args:
         defer: Runs a function when the motions that are queued now have ended.
+        motion: The motion of the gripper's fingers; None for fingers without physics.
         """
         self._defer = defer
-        self.gripper = Gripper()
+        self.gripper = Gripper(motion)
+        self.has_picked = False  # what the vacuum gripper's sensor shows, on the first input of the tool
         self.tool_outputs = 0
         self.baud = BAUD_2M
         self.outputs = 0
@@ -114,20 +134,25 @@ class Devices:
     def tick(self, elapsed_s: float) -> None:
         self.gripper.tick(elapsed_s)
 
+    def put_object(self, closed: float | None) -> None:
+        """Put an object between the fingers, which meet it at this share of their travel. None: take it away."""
+        self.gripper.motion.object_at = closed
+        self.has_picked = closed is not None
+
     def obey(self, register: int, data: bytes) -> bytes:
         """Carry out a request, and return the data of the reply. Raise ``MalformedFrame`` or ``IndexError`` if the
         request is invalid."""
         match register:
-            case Other.TOOL_RS485:
+            case Register.TOOL_RS485:
                 return self._rs485(data)
             case Other.TOOL_ERRORS:
                 return bytes((self.gripper.error, 0))
-            case Other.TOOL_WRITE_16 | Other.TOOL_WRITE_32:
+            case Register.TOOL_WRITE_16 | Other.TOOL_WRITE_32:
                 (value,) = p.unpack_floats(data, 1, 3)
                 if not abs(value) < 2**31:
                     raise MalformedFrame(f"value {value}")
                 self._write(data[0], int.from_bytes(data[1:3], "big"), int(value), data[7:8] == b"\0")
-            case Other.TOOL_READ_16 | Other.TOOL_READ_32 if len(data) >= 3:
+            case Register.TOOL_READ_16 | Other.TOOL_READ_32 if len(data) >= 3:
                 return struct.pack(">i", self._read(data[0], int.from_bytes(data[1:3], "big")))
             case Other.IO_DIGITAL_INPUTS:
                 return struct.pack(">H", _OPEN)
@@ -210,7 +235,9 @@ class Devices:
             raise MalformedFrame(f"no device {device}")
         if address == self.BAUD:
             return self.baud
-        if address in (*self.DIGITAL_INPUTS, *self.ANALOG_INPUTS):
+        if address in self.DIGITAL_INPUTS:
+            return int(self.has_picked and bool(self.tool_outputs & 1))
+        if address in self.ANALOG_INPUTS:
             return 0
         if address == self.DIGITAL_OUTPUTS:
             return self.tool_outputs
@@ -219,8 +246,8 @@ class Devices:
         raise MalformedFrame(f"the tool's board has no register {address:#06x}")
 
     def _on_bus(self) -> Gripper:
-        if self.baud != BAUD_2M:
-            raise MalformedFrame("the gripper does not answer at this baud rate")
+        if self.baud != BAUD_2M or self.gripper.lost:
+            raise MalformedFrame("the gripper does not answer")
         return self.gripper
 
     def _rs485(self, data: bytes) -> bytes:

@@ -31,10 +31,7 @@ class Other(enum.IntEnum):
     COUNTER_PLUS = 75
     POSE_OFFSET = 76
     TCP_POSE_AXIS_ANGLE = 91
-    TOOL_RS485 = 124
     TOOL_ERRORS = 125
-    TOOL_WRITE_16 = 127
-    TOOL_READ_16 = 128
     TOOL_WRITE_32 = 129
     TOOL_READ_32 = 130
     IO_DIGITAL_INPUTS = 131
@@ -57,7 +54,7 @@ LIMITS = (
 )
 """Registers of the reduced mode and the safety boundary."""
 
-DEVICES = range(Other.TOOL_RS485, Other.IO_STATE + 1)
+DEVICES = range(Register.TOOL_RS485, Other.IO_STATE + 1)
 """Registers of the tool's board and of the inputs and outputs."""
 
 MODES = tuple(Mode)
@@ -140,10 +137,10 @@ REGISTERS: Modelled[int] = Modelled(
         Other.COUNTER_PLUS: "adds 1 to the counter of the rich reports",
         Other.POSE_OFFSET: "returns one pose in the frame of another",
         Other.TCP_POSE_AXIS_ANGLE: "returns the pose of the tool with a rotation vector",
-        Other.TOOL_RS485: "Modbus RTU to the gripper: enable, speed, position, status, error; else invalid",
+        Register.TOOL_RS485: "Modbus RTU to the gripper: enable, speed, position, status, error; else invalid",
         Other.TOOL_ERRORS: "returns the errors of the gripper and of the tool's board",
-        Other.TOOL_WRITE_16: "writes to the tool's board or the gripper: outputs, baud rate, gripper",
-        Other.TOOL_READ_16: "reads from the tool's board or the gripper: inputs, outputs, baud rate, gripper",
+        Register.TOOL_WRITE_16: "writes to the tool's board or the gripper: outputs, baud rate, gripper",
+        Register.TOOL_READ_16: "reads from the tool's board or the gripper: inputs, outputs, baud rate, gripper",
         Other.TOOL_WRITE_32: "as 127",
         Other.TOOL_READ_32: "as 128",
         Other.IO_DIGITAL_INPUTS: "returns the digital inputs of the control box",

@@ -1182,7 +1182,7 @@ def Robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
-    password: str = "admin", control_frequency: float = 40.0,
+    password: str = "admin", control_frequency: float = 40.0, gripper: Literal["robotiq_2f85"] | None = None,
 ) -> Kinova: ...
 @overload
 def Robot(
@@ -1282,6 +1282,7 @@ def Robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    gripper: Literal["xarm_gripper", "xarm_vacuum"] | None = None, gripper_speed: float = 100.0,
 ) -> XArm: ...
 @overload
 def Robot(
@@ -1454,7 +1455,7 @@ def Robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["robotiq_2f85"] | None = None,
 ) -> SimulatedKinova: ...
 @overload
 def Robot(
@@ -1562,7 +1563,7 @@ def Robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["xarm_gripper", "xarm_vacuum"] | None = None,
 ) -> SimulatedXArm: ...
 @overload
 def Robot(
@@ -1713,7 +1714,7 @@ def open_robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
-    password: str = "admin", control_frequency: float = 40.0,
+    password: str = "admin", control_frequency: float = 40.0, gripper: Literal["robotiq_2f85"] | None = None,
 ) -> AbstractAsyncContextManager[AsyncKinova]: ...
 @overload
 def open_robot(
@@ -1813,6 +1814,7 @@ def open_robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    gripper: Literal["xarm_gripper", "xarm_vacuum"] | None = None, gripper_speed: float = 100.0,
 ) -> AbstractAsyncContextManager[AsyncXArm]: ...
 @overload
 def open_robot(
@@ -1985,7 +1987,7 @@ def open_robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["robotiq_2f85"] | None = None,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
 @overload
 def open_robot(
@@ -2093,7 +2095,7 @@ def open_robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["xarm_gripper", "xarm_vacuum"] | None = None,
 ) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
 def open_robot(

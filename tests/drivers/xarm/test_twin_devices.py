@@ -17,7 +17,7 @@ from .test_twin import World
 
 def modbus(world: World, function: int, address: int, count: int, values: bytes = b"") -> bytes:
     body = struct.pack(">BHH", function, address, count) + (bytes((len(values),)) + values if values else b"")
-    flags, data = world.controller.obey(Other.TOOL_RS485, bytes((TOOL_BOARD, GRIPPER)) + body)
+    flags, data = world.controller.obey(Register.TOOL_RS485, bytes((TOOL_BOARD, GRIPPER)) + body)
     assert not flags & INVALID
     return data
 
@@ -72,25 +72,25 @@ def test_what_the_gripper_has_not_is_its_modbus_exception(
 
 def test_the_gripper_hears_nothing_at_another_baud_rate() -> None:
     world = World()
-    assert world.controller.obey(Other.TOOL_READ_16, tool(TOOL_BOARD, Devices.BAUD))[1] == struct.pack(">i", 11)
-    world.say(Other.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 5.0))
+    assert world.controller.obey(Register.TOOL_READ_16, tool(TOOL_BOARD, Devices.BAUD))[1] == struct.pack(">i", 11)
+    world.say(Register.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 5.0))
     assert invalid(world, Other.TOOL_READ_32, tool(GRIPPER, Gripper.POSITION))
-    world.say(Other.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 11.0))
+    world.say(Register.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 11.0))
     assert world.controller.obey(Other.TOOL_READ_32, tool(GRIPPER, Gripper.POSITION))[1] == struct.pack(">i", 850)
 
 
 @pytest.mark.parametrize(
     ("register", "data"),
     [
-        (Other.TOOL_RS485, bytes((11, 1, 3, 0, 0, 0, 1))),  # a linear motor at the control box
-        (Other.TOOL_RS485, bytes((9, 1, 3, 0, 0, 0, 1))),  # another gripper
-        (Other.TOOL_RS485, b"\x09\x08"),
-        (Other.TOOL_READ_16, tool(11, Devices.BAUD)),
-        (Other.TOOL_READ_16, tool(TOOL_BOARD, 0x0333)),
-        (Other.TOOL_READ_16, b"\x09"),
-        (Other.TOOL_WRITE_16, tool(TOOL_BOARD, 0x0333, 1.0)),
-        (Other.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 77.0)),
-        (Other.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_DIGITAL, float("nan"))),
+        (Register.TOOL_RS485, bytes((11, 1, 3, 0, 0, 0, 1))),  # a linear motor at the control box
+        (Register.TOOL_RS485, bytes((9, 1, 3, 0, 0, 0, 1))),  # another gripper
+        (Register.TOOL_RS485, b"\x09\x08"),
+        (Register.TOOL_READ_16, tool(11, Devices.BAUD)),
+        (Register.TOOL_READ_16, tool(TOOL_BOARD, 0x0333)),
+        (Register.TOOL_READ_16, b"\x09"),
+        (Register.TOOL_WRITE_16, tool(TOOL_BOARD, 0x0333, 1.0)),
+        (Register.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_BAUD, 77.0)),
+        (Register.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_DIGITAL, float("nan"))),
         (Other.IO_DIGITAL_OUTPUTS, b"\1"),
         (Other.IO_INPUT_FUNCTION, b"\x10\1"),
         (Other.IO_OUTPUT_FUNCTION, b"\1"),
@@ -103,8 +103,8 @@ def test_what_is_not_there_is_invalid(register: int, data: bytes) -> None:
 def test_outputs_of_the_tool_are_set_by_their_mask() -> None:
     world = World()
     for value in (0x0101, 0x0202, 0x0100):
-        world.say(Other.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_DIGITAL, float(value)))
-    answer = world.controller.obey(Other.TOOL_READ_16, tool(TOOL_BOARD, Devices.DIGITAL_OUTPUTS))[1]
+        world.say(Register.TOOL_WRITE_16, tool(TOOL_BOARD, Devices.SET_DIGITAL, float(value)))
+    answer = world.controller.obey(Register.TOOL_READ_16, tool(TOOL_BOARD, Devices.DIGITAL_OUTPUTS))[1]
     assert answer == struct.pack(">i", 2)
 
 
