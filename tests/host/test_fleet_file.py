@@ -153,7 +153,7 @@ def services(folder: Path, text: str) -> Mapping[str, Mapping[str, Any]]:
 
 def test_metrics_are_served_unless_the_file_says_no(tmp_path: Path) -> None:
     host, _, port = METRICS.partition(":")
-    assert services(tmp_path, "") == {"metrics": {"host": host, "port": int(port)}}
+    assert services(tmp_path, "") == {"metrics": {"host": host, "port": int(port), "traces": ""}}
     assert services(tmp_path, "metrics = false") == {}
 
 
