@@ -34,6 +34,8 @@ Attributes = dict[str, AttributeValue]
 
 PERIOD_S = 0.25
 """Stops that are complete are shown in this period, in seconds."""
+BATCH_S = 1.0
+"""Spans are sent in this period, in seconds."""
 SEND_S = 2.0
 """Longest time to send spans to the collector, in seconds."""
 MOST_ORDERS = 64
@@ -47,7 +49,11 @@ def sent_to(endpoint: str) -> Iterator[SpanProcessor]:
     Args:
         endpoint: URL of the collector's receiver for OTLP over HTTP, such as ``http://127.0.0.1:4318/v1/traces``.
     """
-    processor = BatchSpanProcessor(OTLPSpanExporter(endpoint, timeout=SEND_S), export_timeout_millis=SEND_S * 1e3)
+    processor = BatchSpanProcessor(
+        OTLPSpanExporter(endpoint, timeout=SEND_S),
+        schedule_delay_millis=BATCH_S * 1e3,
+        export_timeout_millis=SEND_S * 1e3,
+    )
     try:
         yield processor
     finally:
