@@ -1,0 +1,243 @@
+"""Make ``docs/fleet.md`` and its picture from the results of ``benchmarks.sides.scale``.
+
+``python -m benchmarks.sides.scale --write`` calls this. The results are kept one file for each number of robots.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from strands_actors.testing.markdown import paragraph
+
+from .house import HOUSE, RESULTS, Machine
+from .page import number, row
+
+KEPT = RESULTS / "scale"
+PAGE = HOUSE.parent / "docs" / "fleet.md"
+PICTURE = HOUSE.parent / "docs" / "pictures" / "fleet.svg"
+MODELLED = (1000, 10_000)
+"""Numbers of robots for which the page has figures of the model, if they were not measured."""
+
+TIMES = {"outcomes_p50_ms": "median", "outcomes_worst_ms": "worst of ten"}
+PARTS = {
+    "central_router_pct": "central router",
+    "routers_pct": "all other routers",
+    "metrics_pct": "metrics of a host",
+    "console_pct": "console with one page",
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line, ``base + each * robots``, through measured figures."""
+
+    base: float
+    each: float
+
+    @classmethod
+    def through(cls, points: Sequence[tuple[float, float]]) -> Line:
+        """Fit a line by least squares of the relative errors, so that the smallest number of robots counts as much
+        as the largest. ``base`` is never negative.
+
+        Args:
+            points: Numbers of robots with their figures. At least one figure is above 0.
+        """
+        weighted = [(x, y, 1.0 / max(y, 0.1) ** 2) for x, y in points]
+        w = sum(each[2] for each in weighted)
+        mean_x = sum(x * weight for x, _, weight in weighted) / w
+        mean_y = sum(y * weight for _, y, weight in weighted) / w
+        spread = sum(weight * (x - mean_x) ** 2 for x, _, weight in weighted)
+        each = sum(weight * (x - mean_x) * (y - mean_y) for x, y, weight in weighted) / spread if spread else 0.0
+        base = mean_y - each * mean_x
+        if base >= 0.0 and spread:
+            return cls(base, each)
+        return cls(0.0, sum(w * x * y for x, y, w in weighted) / sum(w * x * x for x, _, w in weighted))
+
+    def at(self, robots: float) -> float:
+        return self.base + self.each * robots
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The figures of one number of robots, and where they were measured."""
+
+    figures: Mapping[str, float]
+    machine: Machine
+    in_namespaces: bool
+
+
+def keep(figures: Mapping[str, float], machine: Machine, in_namespaces: bool) -> None:
+    """Store the figures of one number of robots."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    stored = {"figures": dict(figures), "machine": asdict(machine), "in_namespaces": in_namespaces}
+    (KEPT / f"{figures['robots']:05.0f}.json").write_text(json.dumps(stored, indent=1) + "\n")
+
+
+def kept() -> list[Kept]:
+    """Return all stored figures, by the number of robots."""
+    rows: list[dict[str, Any]] = [json.loads(path.read_text()) for path in sorted(KEPT.glob("*.json"))]
+    return [Kept(row["figures"], Machine(**row["machine"]), row["in_namespaces"]) for row in rows]
+
+
+def models(measured: Sequence[Kept]) -> dict[str, Line]:
+    """Return the line through the measured figures of each name."""
+    names = (*TIMES, *PARTS)
+    return {
+        name: Line.through([(each.figures["robots"], each.figures[name]) for each in measured]) for name in names
+    }
+
+
+def write() -> None:
+    """Write page and picture."""
+    measured = kept()
+    lines = models(measured)
+    PAGE.write_text(page(measured, lines))
+    draw(measured, lines, PICTURE)
+
+
+def page(measured: Sequence[Kept], lines: Mapping[str, Line]) -> str:
+    """Return the text of the page."""
+    head = ["robots", "", *(f"{name}, ms" for name in TIMES.values()), "missing outcomes"]
+    head += [f"{name}, %" for name in PARTS.values()]
+    rows = [row(head), row(["---"] * len(head))]
+    for each in measured:
+        values = [number(each.figures[name]) for name in (*TIMES, "missing_outcomes", *PARTS)]
+        rows.append(row([f"{each.figures['robots']:,.0f}", "measured", *values]))
+    counts = {each.figures["robots"] for each in measured}
+    for robots in MODELLED:
+        if robots not in counts:
+            values = [number(lines[name].at(robots)) for name in (*TIMES, *PARTS)]
+            rows.append(row([f"{robots:,}", "**model**", *values[: len(TIMES)], "–", *values[len(TIMES) :]]))
+    machine = measured[-1].machine
+    where = "in network namespaces" if all(each.in_namespaces for each in measured) else "over loopback"
+    loads = ", ".join(f"{each.machine.load_before:g}" for each in measured)
+    measured_on = paragraph(
+        f"{machine.processor}, {machine.cores} cores, {machine.kernel}, Python {machine.python}, "
+        f"{machine.date[:10]}. Load before the runs: {loads}. All processes shared these cores, and the routers "
+        f"with their robots were {where}."
+    )
+    model = {name: f"{number(line.base)} + {line.each:.3g} · robots" for name, line in lines.items()}
+    fits = [row(["figure", "model"]), row(["---", "---"])]
+    fits += [row([f"time to the last outcome, {label}, ms", model[name]]) for name, label in TIMES.items()]
+    fits += [row([f"processor, {label}, % of a core", model[name]]) for name, label in PARTS.items()]
+    each_pct = lines["metrics_pct"].each
+    per_process = 80.0 / each_pct if each_pct else 0.0
+    return PAGE_TEXT.format(
+        rows="\n".join(rows), measured_on=measured_on, fits="\n".join(fits), per_process=round(per_process, -1)
+    )
+
+
+def draw(measured: Sequence[Kept], lines: Mapping[str, Line], path: Path) -> None:
+    """Draw the measured figures as points, and the model as lines."""
+    os.environ.setdefault("MPLBACKEND", "svg")
+    import matplotlib
+
+    matplotlib.rcParams["svg.hashsalt"] = path.name
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(8, 6), layout="constrained")
+    panels = drawing.subplots(2, 1, sharex=True)
+    counts = [each.figures["robots"] for each in measured]
+    steps = [10 * 10 ** (index / 20) for index in range(61)]
+    for panel, labels, title in (
+        (panels[0], TIMES, "time from an e-stop to the last outcome, ms"),
+        (panels[1], PARTS, "processor time for telemetry, % of a core"),
+    ):
+        for name, label in labels.items():
+            points = panel.plot(counts, [max(each.figures[name], 0.1) for each in measured], "o", label=label)
+            panel.plot(steps, [max(lines[name].at(x), 0.1) for x in steps], color=points[0].get_color(), lw=1)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(f"{title} (lower is better, logarithmic axes)", fontsize=10, loc="left")
+        panel.grid(color="#e2e8f0", lw=0.8)
+        panel.legend(fontsize=8)
+    panels[1].axhline(100, color="grey", linestyle=":")
+    panels[1].set_xlabel("robots (points are measured, lines are the model)")
+    drawing.savefig(path, metadata={"Date": None})
+
+
+PAGE_TEXT = """# Many robots
+
+*Made by `python -m benchmarks.sides.scale --write` from `benchmarks/results/scale/`; do not edit.*
+
+This page answers three questions about a site with many robots: how long one e-stop takes until the
+program that ordered it knows the outcome of every robot, what the telemetry costs, and what a site
+should set up.
+
+## What was measured
+
+A stand-in publishes what an SO-101 publishes (`state` 10 Hz, `presence` 2 Hz, `health` 0.5 Hz), and
+answers an e-stop as soon as it arrives. A stand-in has no processes of a robot, no wire and no arm.
+So the figures show the mesh, and not the robots: the time until a real arm has its safe frame is
+measured [separately](benchmarks.md). Up to 100 stand-ins connect to one zenoh router. These routers
+connect to a central router. The program that orders the e-stop, one process of
+[metrics](metrics.md) and one [console](console.md) with one open page connect to the central
+router, and receive the telemetry of all robots.
+
+{rows}
+
+"Median" and "worst of ten" are the time from an e-stop to the last outcome, of ten e-stops. The
+processor time is in percent of one core.
+
+{measured_on}
+
+![Time to the last outcome and processor time, by the number of robots](pictures/fleet.svg)
+
+## The model
+
+Rows with the word **model** were not measured. They come from a straight line that was fitted to the
+measured rows (least squares of the relative errors):
+
+{fits}
+
+The model has no limit of a core or of a link. Where it gives more than 100 % of a core for one
+process, that process cannot serve so many robots: its telemetry would be late, and samples would be
+dropped. A time that the model gives for such a number of robots holds only if the routers and the
+program that orders the e-stop have a core each.
+
+## What limits it
+
+* **Outcomes.** All robots answer an e-stop at the same moment, and one program reads all answers, one
+  after the other. The stop itself does not wait for this: each robot stops when the order arrives.
+  An outcome that arrives later than 250 ms is reported as `unreachable` by the functions with the
+  usual patience; `estop(within_s=...)` waits longer.
+* **A router's links.** A link has room for 16 urgent messages. By default a router drops an answer
+  that has no room for 1 ms, and the robot is then reported as unreachable, although it has stopped.
+* **Metrics and console.** One process decodes the samples of all robots in Python. One process of
+  the metrics can serve about {per_process:.0f} robots with 80 % of a core.
+* **Rates.** The cost of telemetry is proportional to its rate and to the number of programs that
+  subscribe. A topic without subscribers costs a robot nothing.
+
+## What a site should set up
+
+* One zenoh router for each group of at most 100 robots (a cell, a room), and a central router, to
+  which the routers of the groups connect. Consoles and e-stop stations of a cell connect to the
+  cell's router, so that its e-stop does not depend on the rest of the site.
+* In the routers, set
+  `transport/link/tx/queue/congestion_control/drop/wait_before_drop` to 100000 (microseconds). The
+  benchmark sets it, and `--wait-us 1000` shows the default.
+* One process of the metrics for each group, beside its router or in its [host](host.md), and
+  Prometheus collects from all of them. Prometheus adds up the groups.
+* Keep groups apart by separate routers that are not connected, if one e-stop must not stop the whole
+  site. An e-stop without a `target_id` stops every robot that it can reach.
+* A program that joins with [certificates](mesh.md#the-toml-file) reaches each robot over a direct
+  connection, and not through a router, because the certificate at the other end of a connection
+  must be that of the robot. So routers are for networks that are protected in another way, such as a
+  separate network of the site.
+
+## Measure your own site
+
+```sh
+python -m benchmarks.sides.scale 10 100 1000 --write
+```
+
+The command needs a checkout of the repository with the packages of its tests. It makes the network
+namespaces itself if the kernel allows them to ordinary users (`unshare -rnm`), and otherwise uses
+loopback. 1,000 stand-ins need about one minute and four free cores.
+`python -m benchmarks fleet_estop` measures one e-stop to twelve complete arms with their twins.
+"""
