@@ -14,6 +14,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "hub": ("huggingface_hub",),
     "mcp": ("mcp",),
     "metrics": ("prometheus_client",),
+    "otel": ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http"),
     "pictures": ("OpenGL", "glfw"),
     "reachy": ("aiortc",),
     "record": ("mcap", "zstandard"),
@@ -37,10 +38,17 @@ def missing(extra: str, use: str) -> str:
     Returns:
         One sentence; empty if the extra is installed.
     """
-    absent = [name for name in EXTRAS[extra] if importlib.util.find_spec(name) is None]
+    absent = [name for name in EXTRAS[extra] if not _is_installed(name)]
     if not absent:
         return ""
     return f"{use} needs {' and '.join(absent)}. pip install 'strands-actors[{extra}]'"
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # A package around it is not installed.
+        return False
 
 
 def require(extra: str, use: str) -> None:

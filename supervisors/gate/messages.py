@@ -181,6 +181,9 @@ class StopReport(Message, frozen=True):
     took_ms: float = 0.0
     at_ns: int = 0  # time at which the safe state had been requested from every motor
     note: str = ""  # why the lock of an e-stop is lost when the robot's processes end; empty if it is on the disk
+    # Time from the order until the wire process began to wait for replies. The first frame of the safe state was
+    # written by then. 0 if it is not known.
+    written_ms: float = 0.0
 
     @property
     def unconfirmed(self) -> list[str]:

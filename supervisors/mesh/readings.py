@@ -1,5 +1,5 @@
 """Build the value of the topic ``state``, and the answers to queries that need no lease. Pure, except for the time
-stamp."""
+stamp and the age of the last stop."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import msgspec
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
+from strands_actors.kernel.clock import NS
 from strands_actors.supervisors.gate.failsafe import WRITABLE
 from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import UNREACHABLE, TaskStatus
@@ -60,6 +61,8 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
             "last_refusal": status.last_refusal,
             "last_stop": None if status.last_stop is None else stop_json(status.last_stop),
         }
+        if status.last_stop is not None and status.last_stop.at_ns:
+            state["last_stop_ago_s"] = (time.monotonic_ns() - status.last_stop.at_ns) / NS
     observation = None if status is None else status.observation
     if status is not None and observation is not None:
         state["joints"] = driver.as_telemetry(observation)
@@ -85,6 +88,7 @@ def stop_json(report: StopReport) -> dict[str, Any]:
         "unconfirmed": report.unconfirmed,
         "path": report.path,
         "took_ms": round(report.took_ms, 2),
+        "written_ms": round(report.written_ms, 2),
     }
 
 

@@ -53,6 +53,8 @@ INTERIM_S = ESTOP_ANSWER_S - 0.07
 yet. The final answer follows."""
 
 UNNAMED = "an unnamed sender on the mesh"
+MAX_TIME_S = 4e9
+"""The latest time stamp that is passed on, in seconds: the year 2096."""
 _WAITING = 64
 _decode_order = msgspec.json.Decoder(SafetyOrder).decode
 
@@ -68,7 +70,8 @@ class Arrived(Message, frozen=True):
 
 
 class StopOrder(Message, frozen=True):
-    """An order to stop the robot. ``sender`` and ``turn`` are empty if no sender can be answered."""
+    """An order to stop the robot. ``sender`` and ``turn`` are empty if no sender can be answered. ``sent_s`` is the
+    sender's wall-clock time; 0 if it is not known."""
 
     lane = "urgent"
 
@@ -77,6 +80,7 @@ class StopOrder(Message, frozen=True):
     sender: str = ""
     turn: str = ""
     sent: Any = None  # the request to the gate (``Sent``), if zenoh's thread has sent it already; else None
+    sent_s: float = 0.0
 
 
 class ResumeOrder(Message, frozen=True):
@@ -159,7 +163,7 @@ class Safety(Actor):
         order = _order(payload)
         if not self._is_for_this_robot(order):
             return
-        self._stop(StopOrder(True, _by(order), *_sender_and_turn(order), sent))
+        self._stop(StopOrder(True, _by(order), *_sender_and_turn(order), sent, _seconds(order.timestamp)))
 
     def _on_broadcast(self, payload: bytes) -> None:
         outline = read_loosely(payload, self._robot)
@@ -226,7 +230,8 @@ class Safety(Actor):
             report = await make_safe(self._gate, self._guardian, stop, self._deadlines, first.sent)
             nursery.cancel_scope.cancel()
         result = _unconfirmed(report.text) if isinstance(report, Refused) else report_json(report)
-        self._answers.event(str(reason), by=first.by, **result)
+        turns = {"sender": first.sender, "turn": first.turn, "sent_s": first.sent_s}
+        self._answers.event(str(reason), by=first.by, **turns, **result)
         self._tell(orders, result, final=True)
 
     async def _tell_interim(self, orders: Sequence[StopOrder]) -> None:
@@ -271,6 +276,11 @@ def _unconfirmed(detail: str) -> dict[str, Any]:
 def _by(order: SafetyOrder) -> str:
     named = order.by[:MAX_TEXT] if isinstance(order.by, str) else ""
     return named or order.sender_id or UNNAMED
+
+
+def _seconds(timestamp: object) -> float:
+    """Return a time stamp of a message; 0 if it is not one."""
+    return float(timestamp) if isinstance(timestamp, int | float) and 0 < timestamp <= MAX_TIME_S else 0.0
 
 
 def _sender_and_turn(order: SafetyOrder) -> tuple[str, str]:

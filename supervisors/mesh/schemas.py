@@ -276,13 +276,15 @@ class SafetyOrder(msgspec.Struct, frozen=True):
     """A message on ``strands/safety/estop`` or ``strands/safety/resume``.
 
     An e-stop needs no field. It stops all robots unless ``target_id`` names one. A resume that was published (zenoh
-    put) is refused. ``by`` may have any type, so that a sender with an invalid ``by`` gets an answer, too.
+    put) is refused. ``by`` and ``timestamp`` (the sender's wall-clock time in seconds) may have any type, so that a
+    sender with an invalid value gets an answer, too.
     """
 
     sender_id: str = ""
     turn_id: str = ""
     target_id: str = ""
     by: Any = ""
+    timestamp: Any = 0.0
 
 
 # -- answers of a robot

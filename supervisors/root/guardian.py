@@ -94,6 +94,7 @@ class Guardian(Actor):
         on_failed: Called after each attempt to stop the robot that was not confirmed.
         on_suspended: Called with the id of a writer's process that the system has suspended (SIGSTOP).
         on_gap: Called with the number of missing events of each gap in a recording of the wire process.
+        on_look: Called every ``LOOK_EVERY`` ticks with the time, for observations that need no timer of their own.
     """
 
     def __init__(
@@ -114,6 +115,7 @@ class Guardian(Actor):
         on_failed: Callable[[], None] = lambda: None,
         on_suspended: Callable[[int], None] = lambda _: None,
         on_gap: Callable[[int], None] = lambda _: None,
+        on_look: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -133,6 +135,7 @@ class Guardian(Actor):
         self._on_failed = on_failed
         self._on_suspended = on_suspended
         self._on_gap = on_gap
+        self._on_look = on_look
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.initial_operator, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -227,6 +230,7 @@ class Guardian(Actor):
             self._check_writers()
             self._check_start()
             self.channels.look()
+            self._on_look(now_ns)
         if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
             silent = self._failure_detector.describe_silence(now_ns)
             self._break(Reason.WIRE, busy.explained(f"the wire process stopped answering ({silent})"))

@@ -247,6 +247,7 @@ class Tree:
             RESERVE.end_if_short,
             self._see_suspended,
             self._note_gap,
+            self.standby.look,
         )
         self.attached = AttachedPrograms(
             lambda: self.node.ref(self.actors.gate, Gate),

@@ -17,7 +17,7 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Timing
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.failure_detector import FailureDetector
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import suspected
@@ -33,9 +33,10 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.standby.process import Standby
-from strands_actors.supervisors.standby.watch import look_s, silent_s
+from strands_actors.supervisors.standby.watch import silent_s
 
 from . import refusals
+from .stopped_detector import LOOK_EVERY
 
 ENTRY = "strands_actors.supervisors.standby.process:main"
 START_S = 5.0
@@ -88,6 +89,9 @@ class StandbyKeeper:
         self._wire: ChildProcess | None = None
         self._own_pidfd = os.pidfd_open(os.getpid()) if hasattr(os, "pidfd_open") else None
         self._watching = False
+        # Notices that the running standby sends no heartbeats; None while none runs.
+        self._detector: FailureDetector | None = None
+        self._began_ns = 0
         self.process: ChildProcess | None = None
         self.starts = 0
         self._leaving = False
@@ -124,14 +128,18 @@ class StandbyKeeper:
     async def _attend(self, process: ChildProcess) -> str:
         """Wait until the standby has ended, and return the reason."""
         self._heartbeat.forget()
+        timing = self._timing
+        self._began_ns = self._node.clock.now_ns()
+        self._detector = FailureDetector(
+            max(SILENT_S, silent_s(timing)), LOOK_EVERY * timing.tick_s, partial(suspected, process.pid)
+        )
         self._watching = False
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._carry, process)
             nursery.start_soon(self._begin)
-            nursery.start_soon(self._listen, process)
             code = await process.wait()
             nursery.cancel_scope.cancel()
-        self.process = None
+        self.process = self._detector = None
         return f"the standby process ended with {how_ended(code)}"
 
     async def _carry(self, process: ChildProcess) -> None:
@@ -141,20 +149,17 @@ class StandbyKeeper:
             report_failure("the link to the standby process", error)
         process.kill()  # a standby without a link cannot get orders
 
-    async def _listen(self, process: ChildProcess) -> None:
-        """Kill the standby when it sends no heartbeats."""
-        look = look_s(self._timing)
-        clock: Clock = self._node.clock
-        began_ns = clock.now_ns()
-        detector = FailureDetector(max(SILENT_S, silent_s(self._timing)), look, partial(suspected, process.pid))
-        while True:
-            await trio.sleep(look)
-            now_ns = clock.now_ns()
-            detector.note_heartbeat(self._heartbeat.last_received_ns)
-            late = not detector.last_received_ns and now_ns - began_ns > START_S * 1e9
-            if late or detector.tick(now_ns):
-                process.kill()
-                return
+    def look(self, now_ns: int) -> None:
+        """Kill the standby when it sends no heartbeats. The guardian calls this every ``LOOK_EVERY`` ticks, since a
+        timer of its own would wake this process another 50 times per second."""
+        process, detector = self.process, self._detector
+        if process is None or detector is None:
+            return
+        detector.note_heartbeat(self._heartbeat.last_received_ns)
+        late = not detector.last_received_ns and now_ns - self._began_ns > START_S * NS
+        if late or detector.tick(now_ns):
+            self._detector = None
+            process.kill()
 
     @property
     def is_ready(self) -> bool:

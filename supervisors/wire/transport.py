@@ -144,6 +144,7 @@ class Transport(Actor):
         self._denied = 0
         self._attempts = 0
         self._open_at_ns = 0
+        self._written_ns = 0  # Time at which the running stop began to wait for replies; 0 before.
 
     @property
     def hold_failed(self) -> str:
@@ -276,7 +277,7 @@ class Transport(Actor):
         lasts = self._safety_page.may_be_energised or message.reason in ORDERED
         safe_state = self._safety_page.order(message.safe_state, lasts)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
-        began_ns = self.context.clock.now_ns()
+        began_ns, self._written_ns = self.context.clock.now_ns(), 0
         with contextlib.nullcontext() if holds else RESERVE.freed():
             motors = await self._bring_until_settled(safe_state, holds, lasts)
         if motors is None:
@@ -336,6 +337,8 @@ class Transport(Actor):
                 self._cancelled_by_stop((holds or safe_state in SLOW) and self._wire.interruptible),
                 self._published(self._wire, safe_state in SLOW),
             ):
+                # This runs when ``make_safe`` waits for the first time. By then the first frame is written.
+                trio.lowlevel.current_trio_token().run_sync_soon(self._note_written)
                 motors = await self._wire.make_safe(safe_state)
         if motors is None or any(motor.written or motor.safe for motor in motors):
             return motors
@@ -351,6 +354,9 @@ class Transport(Actor):
         with self._cancelled_by_stop(safe_state in SLOW):
             reached = await self._reach(safe_state, began_ns)
         return None if reached is None else reached or motors
+
+    def _note_written(self) -> None:
+        self._written_ns = self._written_ns or self.context.clock.now_ns()
 
     @contextlib.contextmanager
     def _published(self, wire: Wire, is_slow: bool) -> Iterator[None]:
@@ -409,7 +415,11 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         motors = motors or not_reached(self._driver, "no link")
-        report = StopReport(reason, safe_state, epoch, all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
+        written_ms = max(0.0, (self._written_ns - began_ns) / 1e6)
+        confirmed = all_safe(motors)
+        report = StopReport(
+            reason, safe_state, epoch, confirmed, motors, took_ms=took_ms, at_ns=now_ns, written_ms=written_ms
+        )
         self._gate.tell(SafeDone(report, hold_failed, observation))
 
     async def _arm(self, epoch: int) -> None:

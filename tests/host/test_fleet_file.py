@@ -153,8 +153,15 @@ def services(folder: Path, text: str) -> Mapping[str, Mapping[str, Any]]:
 
 def test_metrics_are_served_unless_the_file_says_no(tmp_path: Path) -> None:
     host, _, port = METRICS.partition(":")
-    assert services(tmp_path, "") == {"metrics": {"host": host, "port": int(port)}}
+    assert services(tmp_path, "") == {"metrics": {"host": host, "port": int(port), "traces": ""}}
     assert services(tmp_path, "metrics = false") == {}
+
+
+def test_traces_go_to_the_collector_of_the_file(tmp_path: Path) -> None:
+    url = "http://127.0.0.1:4318/v1/traces"
+    assert services(tmp_path, f'traces = "{url}"')["metrics"]["traces"] == url
+    for line in ('traces = "there"', "traces = 3", f'metrics = false\ntraces = "{url}"'):
+        assert "traces: " in str(faults(tmp_path, f"[host]\n{line}\n[robot.a]\ntype = 'so101'\n"))
 
 
 def test_the_console_and_the_bridge_of_ros_are_served_if_the_file_says_so(tmp_path: Path) -> None:

@@ -59,8 +59,12 @@ def life_of(pid: int) -> Life:
     Source: proc(5), /proc/pid/stat: the state, the flags and the pending signals.
     """
     try:
-        with open(f"/proc/{pid}/stat", "rb") as stat:
-            return _life(stat.read())
+        # ``open()`` takes nine system calls for this, and the root does it 50 times per second.
+        fd = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            return _life(os.read(fd, _STAT_BYTES))
+        finally:
+            os.close(fd)
     except OSError:
         return Life()
 

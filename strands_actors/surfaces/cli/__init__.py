@@ -198,13 +198,17 @@ def view(
 def metrics(
     host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at. 0: a free one.")] = 9464,
+    traces: Annotated[
+        str,
+        typer.Option(metavar="URL", help="Send stops as OpenTelemetry traces, to a collector of OTLP over HTTP."),
+    ] = "",
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
     """Serve the metrics of all running robots for Prometheus. Nothing is asked of the robots' wires."""
     from .metrics import metrics as run
 
-    run(host, port, mesh, as_json=json)
+    run(host, port, traces, mesh, as_json=json)
 
 
 @app.command()

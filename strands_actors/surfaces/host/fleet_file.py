@@ -29,12 +29,13 @@ from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.channels.ros2.names import problem_of
 from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of
 from strands_actors.surfaces.mesh.config import MeshConfig
+from strands_actors.surfaces.metrics.stops import problem_of_collector
 
 from .fleet import METRICS, BadFleet, Fault, Fleet, RobotSpec
 from .toml_lines import lines_of
 
 MAX_BYTES = 256 * 1024
-HOST_KEYS = ("metrics", "ros2", "web")
+HOST_KEYS = ("metrics", "ros2", "traces", "web")
 WEB_PORT = 8390
 HIGHEST_PORT = 65535
 OWN_KEYS = ("type", "adapter")
@@ -155,7 +156,13 @@ class _Reader:
             if not colon or not address or not port.isdecimal() or int(port) > HIGHEST_PORT:
                 self._fault(("host", "metrics"), f'metrics is {shown(metrics)}. Give "{METRICS}", or false')
             else:
-                services["metrics"] = {"host": address, "port": int(port)}
+                services["metrics"] = {"host": address, "port": int(port), "traces": ""}
+        if (traces := host.get("traces", "")) != "":
+            problem = problem_of_collector(traces) if isinstance(traces, str) else f"{shown(traces)} is no text"
+            if problem or "metrics" not in services:
+                self._fault(("host", "traces"), f"traces: {problem or 'the metrics send them. Give metrics, too'}")
+            else:
+                services["metrics"]["traces"] = traces
         if (web := host.get("web", False)) is not False:
             port_of_web = WEB_PORT if web is True else web
             if not isinstance(port_of_web, int) or not 0 <= port_of_web < HIGHEST_PORT:

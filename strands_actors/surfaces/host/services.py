@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 import trio
@@ -31,9 +31,10 @@ def metrics(arguments: dict[str, Any], sock: socket.socket) -> None:
     async def serve_metrics(client: MeshClient, on_serving: Callable[[str], None]) -> None:
         from strands_actors.surfaces.metrics.serving import serve
 
-        await serve(client, arguments["host"], arguments["port"], on_serving)
+        await serve(client, arguments["host"], arguments["port"], on_serving, arguments["traces"])
 
-    _run("metrics", "metrics", arguments, sock, serve_metrics)
+    extras = ("metrics", "otel") if arguments["traces"] else ("metrics",)
+    _run("metrics", extras, arguments, sock, serve_metrics)
 
 
 def web(arguments: dict[str, Any], sock: socket.socket) -> None:
@@ -47,7 +48,7 @@ def web(arguments: dict[str, Any], sock: socket.socket) -> None:
         except CannotListen as reason:
             raise OSError(str(reason)) from reason
 
-    _run("web", "web", arguments, sock, serve_console)
+    _run("web", ("web",), arguments, sock, serve_console)
 
 
 def ros2(arguments: dict[str, Any], sock: socket.socket) -> None:
@@ -71,11 +72,11 @@ def ros2(arguments: dict[str, Any], sock: socket.socket) -> None:
             on_serving(f"{router}, ROS domain {domain}")
             await trio.sleep_forever()
 
-    _run("ros2", "", arguments, sock, bridge)
+    _run("ros2", (), arguments, sock, bridge)
 
 
-def _run(name: str, extra: str, arguments: Mapping[str, Any], sock: socket.socket, serve: Serve) -> None:
-    """Serve until the host ends. ``extra`` names the packages that the service needs, and may be empty."""
+def _run(name: str, extras: Sequence[str], arguments: Mapping[str, Any], sock: socket.socket, serve: Serve) -> None:
+    """Serve until the host ends. ``extras`` names the optional packages that the service needs."""
     take_name("host", name, arguments["label"])
 
     async def outlive_host() -> None:
@@ -88,7 +89,7 @@ def _run(name: str, extra: str, arguments: Mapping[str, Any], sock: socket.socke
             await serve(client, lambda address: sock.sendall(f"{address}\n".encode()))
 
     try:
-        if extra:
+        for extra in extras:
             require(extra, name)
         trio.run(main)
     except (MissingExtra, OSError) as error:

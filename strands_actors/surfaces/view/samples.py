@@ -28,7 +28,8 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class LastStop(msgspec.Struct, frozen=True):
-    """The result of the last stop. ``epoch`` distinguishes one stop from the next."""
+    """The result of the last stop. ``epoch`` distinguishes one stop from the next. ``written_ms`` is the time from
+    its order to the first frame of the safe state, 0 if it is not known."""
 
     epoch: int
     reason: str
@@ -37,11 +38,13 @@ class LastStop(msgspec.Struct, frozen=True):
     took_ms: float
     path: str = ""
     unconfirmed: tuple[str, ...] = ()
+    written_ms: float = 0.0
 
 
 class State(msgspec.Struct, frozen=True):
     """A sample of the topic ``state``. ``t`` is the robot's wall-clock time in seconds. ``age_s`` is the age of the
-    positions, -1 without a reading."""
+    positions, -1 without a reading. ``last_stop_ago_s`` is the time since the end of the last stop, -1 if it is not
+    known."""
 
     peer_id: str
     t: Seconds
@@ -58,6 +61,7 @@ class State(msgspec.Struct, frozen=True):
     refused: dict[str, int] = {}
     last_refusal: str = ""
     last_stop: LastStop | None = None
+    last_stop_ago_s: float = -1.0
 
 
 class Presence(msgspec.Struct, frozen=True):
@@ -93,7 +97,8 @@ class Health(msgspec.Struct, frozen=True):
 
 
 class SafetyEvent(msgspec.Struct, frozen=True):
-    """A message on ``strands/safety/event``: a change of the state, or a stop or resume that came over the mesh."""
+    """A message on ``strands/safety/event``: a change of the state, or a stop or resume that came over the mesh.
+    ``sender``, ``turn`` and ``sent_s`` are those of the order."""
 
     peer_id: str
     t: Seconds
@@ -106,6 +111,10 @@ class SafetyEvent(msgspec.Struct, frozen=True):
     outcome: str = ""
     safe_state: str = ""
     took_ms: float = 0.0
+    detail: str = ""
+    sender: str = ""
+    turn: str = ""
+    sent_s: Seconds = 0.0
 
 
 class BadSample(Exception):
