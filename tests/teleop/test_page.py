@@ -82,12 +82,13 @@ def test_a_page_jogs_and_any_release_of_it_leads_to_a_hold(pair: Pair) -> None:
         for _ in range(3):  # as the page does, repeatedly until its message is acknowledged
             say(socket, False)
             socket.recv()
-        until(jogged, "it is jogged")
-        assert json.loads(socket.recv())["state"] in ("idle", "engaged")
+        say(socket, False)
         with operator(address) as second:
             assert json.loads(second.recv(timeout=20.0))["why"] == TAKEN
             with pytest.raises(ConnectionClosed):
                 second.recv(timeout=20.0)
+        until(jogged, "it is jogged")
+        assert json.loads(socket.recv())["state"] in ("idle", "engaged")
         gone_ns = time.monotonic_ns()
         socket.close()  # while the dead-man is held
         safe = until(lambda: pair.follower.log.first_safe(gone_ns), "it holds")
