@@ -40,7 +40,7 @@ VIEWERS = "viewers"
 READ_S = 1.0
 """A slow viewer reads one message in this time. The console sends several."""
 SMALL = 2048
-"""Size of a viewer's receive buffer in bytes, so that what it does not read stays in the console."""
+"""Size of a viewer's receive buffer in bytes, so that unread messages stay in the console."""
 APPEAR_S = 60.0
 FRAMES = """new Promise(done => {{
   let count = 0
@@ -104,7 +104,7 @@ def served(port: int, directory: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def show(url: str, pid: int, count: int, seconds: float) -> dict[str, float]:
-    """Show all robots on a page, and return its frames per second and what the console needs for it."""
+    """Show all robots on a page, and return its frames per second and the console's processor time."""
     path = find_chromium()
     if not path:
         raise SystemExit(f"no Chromium was found. Install it, or let {VARIABLE} name its program")

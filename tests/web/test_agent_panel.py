@@ -35,7 +35,7 @@ def entry(page: OpenPage, kind: str, tool: str = "") -> dict[str, Any]:
 def test_an_agent_asks_gets_and_is_refused_before_everybodys_eyes(cli: Command) -> None:
     with talking(cli, "helpful") as (visitor, page):
         visitor.order("/agent/say", text="let one wave")
-        assert entry(page, "said")["text"] == "let one wave"
+        assert entry(page, "prompt")["text"] == "let one wave"
         assert '"list"' in entry(page, "asks", "fleet")["text"]
         assert '"robots":[]' in entry(page, "got", "fleet")["text"].replace(" ", "")
         card = card_of(page, "waiting")
@@ -46,7 +46,7 @@ def test_an_agent_asks_gets_and_is_refused_before_everybodys_eyes(cli: Command) 
         assert entry(page, "text")["text"] == "that is all"
         entry(page, "done")
         with visitor.page() as second:  # A page that comes later gets all of it.
-            assert [each["kind"] for each in second.kind("agent")["entries"]][:3] == ["said", "ready", "asks"]
+            assert [each["kind"] for each in second.kind("agent")["entries"]][:3] == ["prompt", "ready", "asks"]
 
 
 def test_a_stopped_agent_ends_and_starts_anew(cli: Command) -> None:

@@ -206,10 +206,10 @@ class Approval:
         """Ask the operator. Return None for an approval, otherwise the reason for the refusal."""
         if self._approve is None:
             return "no operator can be asked"
-        asked = replace(request, within_s=self._within_s)
+        timed = replace(request, within_s=self._within_s)
         with trio.move_on_after(self._within_s):
             try:
-                answer = await trio.to_thread.run_sync(contained, self._approve, asked, abandon_on_cancel=True)
+                answer = await trio.to_thread.run_sync(contained, self._approve, timed, abandon_on_cancel=True)
             except Exception as error:  # The ``approve`` function may raise anything. An exception is a refusal.
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"

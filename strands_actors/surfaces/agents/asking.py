@@ -26,6 +26,8 @@ ANSWER_SHARE = 0.95
 LONGEST_LINE = 64 * 1024
 """Longest question in bytes."""
 CONNECT_S = 1.0
+LATE_S = 5.0
+"""How much later than the end of its card a console's answer may arrive."""
 
 
 class CardState(enum.StrEnum):
@@ -84,7 +86,7 @@ def ask_on_console(request: Request) -> bool:
         waiting = stack.enter_context(selectors.DefaultSelector())
         for link in _links(question):
             waiting.register(stack.enter_context(link), selectors.EVENT_READ)
-        until_s = time.monotonic() + request.within_s
+        until_s = time.monotonic() + within_s + LATE_S
         while waiting.get_map():
             for key, _ in waiting.select(max(0.0, until_s - time.monotonic())):
                 assert isinstance(key.fileobj, socket.socket)

@@ -1,7 +1,7 @@
 """The agent of the console: one conversation, which all operators share.
 
-The agent runs in a process of its own, which starts with the first words to it. To stop the agent is to kill this
-process. That stops no robot.
+The agent runs in a separate process, which starts with the first words to it. Stopping the agent kills this
+process, and stops no robot.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class AgentPanel:
         self.count += 1
 
     async def _say(self, request: Request, session: Session) -> dict[str, Any]:
-        said = await body(request, SayOrder)
-        text = said.text.strip()
+        words = await body(request, SayOrder)
+        text = words.text.strip()
         if not self.is_configured:
             raise Bad(409, "This console has no agent. Start it with --agent MODULE:FUNCTION.")
         if not 0 < len(text) <= LONGEST_PROMPT:
@@ -86,7 +86,7 @@ class AgentPanel:
         if self._is_busy:
             raise Bad(409, "The agent is busy. Wait until it has answered, or stop it.")
         self._is_busy = True
-        self._put(Entry(Kind.SAID, text, by=sender(session)))
+        self._put(Entry(Kind.PROMPT, text, by=sender(session)))
         if self._process is None:
             await self._nursery.start(self._run)
         process = self._process

@@ -30,7 +30,7 @@ LONGEST_VALUE = 4000
 class Kind(enum.StrEnum):
     """The kind of an entry in the conversation."""
 
-    SAID = "said"
+    PROMPT = "prompt"
     """A person's words."""
     READY = "ready"
     TEXT = "text"
@@ -60,7 +60,7 @@ class Entry(msgspec.Struct, frozen=True):
         kind: Its kind.
         text: Words, the answer of a tool, or the reason of a failure.
         tool: The tool that is called, or that answers.
-        by: The person, for ``SAID``.
+        by: The person, for ``PROMPT``.
     """
 
     kind: Kind

@@ -1,7 +1,7 @@
 """Questions of programs on this computer to the operators: may this verb run? Each is a card on every page.
 
-The first answer of an operator counts. A card without an answer in time, or whose program has ended, stays on the
-pages for a while with its final state, so that each operator sees how it ended.
+The first answer of an operator counts. A card that ends without an answer stays on the pages for a
+while with its final state, so that each operator sees how it ended.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Card(msgspec.Struct):
     Attributes:
         id: Its number.
         robot: The name of the robot.
-        verb: What the program wants to do.
+        verb: The verb of the robot's tool.
         inputs: The values, by name.
         by: The program that asks.
         within_s: Seconds for the answer, from its start.

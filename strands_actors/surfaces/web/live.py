@@ -65,7 +65,7 @@ class Jog(msgspec.Struct, tag="jog", forbid_unknown_fields=True):
 
 
 class Feed(Protocol):
-    """What a feature shows on every page, beside the robots.
+    """Messages of one feature for every page.
 
     ``count`` is the number of its changes so far.
     """
@@ -91,7 +91,7 @@ class Conversation:
         tools: The tools of arms.
         access: The sessions.
         session: The session of this page.
-        feeds: What the features show.
+        feeds: The features that have messages for every page.
     """
 
     def __init__(
@@ -201,10 +201,10 @@ class Conversation:
             if now >= next_fleet:
                 next_fleet = now + FLEET_S
                 await self._send_text(self._robots.fleet())
-            for index, (feed, known) in enumerate(self._shown):
-                if feed.count != known:
+            for index, (feed, shown_count) in enumerate(self._shown):
+                if feed.count != shown_count:
                     self._shown[index] = feed, feed.count
-                    news = feed.news(known, self._session.role)
+                    news = feed.news(shown_count, self._session.role)
                     if news is not None:
                         await self._send(news)
             while self._notes:

@@ -157,9 +157,13 @@ class Tab:
         """Run an expression, and do not wait for it."""
         self.command("Runtime.evaluate", wait=False, expression=script)
 
-    def until(self, script: str, is_right: Callable[[Any], bool] = bool) -> Any:
-        """Return the value of an expression as soon as it is right."""
-        until_s = time.monotonic() + PATIENCE_S
+    def until(self, script: str, is_right: Callable[[Any], bool] = bool, within_s: float = PATIENCE_S) -> Any:
+        """Return the value of an expression as soon as it is right.
+
+        Raises:
+            TimeoutError: It is not right within the time.
+        """
+        until_s = time.monotonic() + within_s
         value = None
         while time.monotonic() < until_s:
             with contextlib.suppress(CommandFailed):  # The page may be loading, and have no body yet.
@@ -167,7 +171,7 @@ class Tab:
                 if is_right(value):
                     return value
             time.sleep(LOOK_S)
-        raise AssertionError(f"{script} is {value!r}")
+        raise TimeoutError(f"{script} is {value!r}")
 
     def middle_of(self, selector: str) -> tuple[float, float]:
         """Return where an element is, and bring it into view first."""

@@ -1,7 +1,7 @@
 import {el, setText} from "/page/dom.js"
 
 const TITLES = {
-  said: entry => entry.by, text: () => "agent", asks: entry => `asks ${entry.tool}`, got: entry => `${entry.tool} answers`,
+  prompt: entry => entry.by, text: () => "agent", asks: entry => `asks ${entry.tool}`, got: entry => `${entry.tool} answers`,
   refused: entry => `${entry.tool} refuses`, failed: () => "failed", ended: () => "ended",
 }
 const NEAR_END = 80
