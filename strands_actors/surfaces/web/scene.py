@@ -33,8 +33,8 @@ class Scenes:
         self._reading = trio.Lock()
 
     async def get(self, robot_type: str, robot: str = "") -> bytes:
-        """Return the scene of a robot. It is read from the robot's own model file, else from the file with which its
-        type was registered here, else from the model of its type.
+        """Return the scene of a robot. It is read from the robot's own model file, else from the file with which
+        its type was registered here, else from the model of its type.
 
         Raises:
             NoModel: There is no model of this type here.
