@@ -66,7 +66,7 @@ class KinovaHand:
         self._last, self._client.hand_refusal = None, None
 
     def follow(self, opening: float, speed: float, now_ns: int, permit: Permit) -> None:
-        """Send a target, if it is a new one and none was sent just before. A later call sends it otherwise."""
+        """Send a target, if it is new and the last one was not just before. A later call sends it otherwise."""
         if speed == UNNAMED or opening == self._last or now_ns - self._written_ns < WRITE_EVERY_S * NS:
             return
         permit.check()
@@ -75,7 +75,7 @@ class KinovaHand:
 
     @property
     def held_at(self) -> float:
-        """Where the gripper is after a stop: its target, or its position if it had none or has not arrived."""
+        """Where the gripper is after a stop: its target, or its position if it had no target or has not arrived."""
         return self.opening if self._last is None or self.contact != 1.0 else self._last
 
 

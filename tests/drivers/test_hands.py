@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import time
@@ -117,6 +118,10 @@ def reach(arm: RealRobot, percent: float) -> None:
     until(lambda: abs(opening(arm) - percent) < OPENING, f"it is {percent} % open")
 
 
+def _reports(arm: RealRobot, text: str) -> bool:
+    return text in status(arm)["faults"].get("gripper", "")
+
+
 def grip(hand: Hand, arm: RealRobot, twin: Twin) -> None:
     """Close the hand on an object, and wait until it is reported."""
     twin.order(f"object {hand.meets:g}")
@@ -161,7 +166,7 @@ def test_saf_003_a_stop_keeps_the_grip_and_so_does_the_resume(hand: Hand, arm: R
 
 @with_fingers
 def test_saf_003_a_stop_ends_a_motion_of_the_fingers(hand: Hand, twin: Twin, run_dir: Path) -> None:
-    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **hand.slow) as arm:
+    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **(hand.slow or {})) as arm:
         json_of(arm.send_action({"gripper": 100.0, "gripper_speed": 100.0}))
         until(lambda: opening(arm) > 99.0, "it is open")
         json_of(arm.send_action({"gripper": 0.0}))
@@ -195,7 +200,7 @@ def test_saf_003_the_grip_survives_the_wire_process(
 
 @with_fingers
 def test_saf_003_a_killed_wire_process_stops_moving_fingers(hand: Hand, twin: Twin, run_dir: Path) -> None:
-    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **hand.slow) as arm:
+    with robot_on(twin.port, hand.robot, gripper=hand.gripper, **(hand.slow or {})) as arm:
         json_of(arm.send_action({"gripper": 100.0, "gripper_speed": 100.0}))
         until(lambda: opening(arm) > 99.0, "it is open")
         json_of(arm.send_action({"gripper": 0.0}))
@@ -215,7 +220,7 @@ def test_saf_003_a_killed_wire_process_stops_moving_fingers(hand: Hand, twin: Tw
 def test_a_fault_is_reported_and_only_the_hand_is_refused(hand: Hand, arm: RealRobot, twin: Twin) -> None:
     for order, text, repair in hand.faults:
         twin.order(order)
-        until(lambda text=text: text in status(arm)["faults"].get("gripper", ""), f"the status has {text}")
+        until(functools.partial(_reports, arm, text), f"the status has {text}")
         assert text in why(arm.send_action({"gripper": 50.0}))
         json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
         twin.order(repair)
@@ -223,7 +228,9 @@ def test_a_fault_is_reported_and_only_the_hand_is_refused(hand: Hand, arm: RealR
 
 
 def test_a_simulation_moves_it_and_an_agent_may_open_and_close_it(hand: Hand, run_dir: Path) -> None:
-    with Robot(hand.robot, gripper=hand.gripper) as arm:
+    make: Any = Robot
+    arm: RealRobot
+    with make(hand.robot, gripper=hand.gripper) as arm:
         connected(arm)
         assert list(arm.get_observation())[-1] == "gripper"
         for goal in hand.goals:

@@ -26,7 +26,7 @@ class Fingers(Protocol):
 
 
 class HandMotion:
-    """The motion of a hand, with physical fingers or, if there are none, with fingers that always follow.
+    """The motion of a hand, with physical fingers, or without them with fingers that always follow.
 
     Args:
         fingers: The fingers in the physics of an arm; None for none.

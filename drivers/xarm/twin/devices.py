@@ -43,6 +43,7 @@ class Gripper:
         self.motion = motion or HandMotion(most=1.0 - self.LOWEST / self.HIGHEST)
         self.error = self.mode = 0
         self.speed = 1500
+        self.target = self.HIGHEST
         self.lost = False  # True while nothing on the bus gets an answer of the gripper
 
     @property
@@ -62,10 +63,6 @@ class Gripper:
     @property
     def status(self) -> int:
         return self.GRASPED if self.motion.holds else int(self.motion.moves)
-
-    @property
-    def target(self) -> int:
-        return round(self.HIGHEST * (1.0 - self.motion.goal))
 
     def read(self, address: int) -> int:
         """Return a number of 16 or 32 bits. Raise ``MalformedFrame`` for an unknown address."""
@@ -95,12 +92,13 @@ class Gripper:
                 # A gripper that gets power, or loses it, holds its position.
                 if self.enabled != bool(value):
                     self.motion.halt()
-                self.enabled = bool(value)
+                self.enabled, self.target = bool(value), round(self.position)
             case self.MODE if value == 0:
                 self.mode = value
             case self.SPEED if value >= 0:
                 self.speed = min(value, self.FASTEST)
             case self.TARGET if self.LOWEST <= value <= self.HIGHEST:
+                self.target = value
                 if self.enabled and not self.error:
                     self.motion.move_to(1.0 - value / self.HIGHEST)
             case self.TARGET:
