@@ -69,6 +69,7 @@ SERVICES: Mapping[str, str] = {
     "robot-command": "RobotCommandService",
     "image": "ImageService",
     "data-buffer": "DataBufferService",
+    "fault": "FaultService",
 }
 """Type of each service, by its name in the directory."""
 
@@ -102,6 +103,7 @@ METHODS: Mapping[str, Method] = {
     ),
     **_methods("image", SERVICES["image"], "ListImageSources", "GetImage"),
     **_methods("data-buffer", SERVICES["data-buffer"], "RecordOperatorComments"),
+    **_methods("fault", SERVICES["fault"], "TriggerServiceFault", "ClearServiceFault"),
 }
 
 AUTHORITIES: Mapping[str, str] = {
