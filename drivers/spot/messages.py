@@ -54,7 +54,14 @@ TABLES: Mapping[str, str] = {
     "ListServiceEntriesResponse": f"{_REPLY}, service_entries 2 ServiceEntry*",
     "GetServiceEntryRequest": f"{_REQUEST}, service_name 2 text",
     "GetServiceEntryResponse": f"{_REPLY}, status 2 uint, service_entry 3 ServiceEntry",
-    "ServiceEntry": "name 1 text, type 2 text, authority 3 text, user_token_required 5 bool",
+    "ServiceEntry": "name 1 text, type 2 text, authority 3 text, last_update 4 Timestamp, "
+    "user_token_required 5 bool, liveness_timeout_secs 8 double",
+    "RegisterServiceRequest": f"{_REQUEST}, service_entry 3 ServiceEntry",
+    "RegisterServiceResponse": f"{_REPLY}, status 2 uint",
+    "UnregisterServiceRequest": f"{_REQUEST}, service_name 2 text",
+    "UnregisterServiceResponse": f"{_REPLY}, status 2 uint",
+    "UpdateServiceRequest": f"{_REQUEST}, service_entry 3 ServiceEntry",
+    "UpdateServiceResponse": f"{_REPLY}, status 2 uint",
     # time-sync
     "TimeSyncUpdateRequest": f"{_REQUEST}, previous_round_trip 2 RoundTrip, clock_identifier 3 text",
     "TimeSyncUpdateResponse": f"{_REPLY}, previous_estimate 2 Estimate, state 3 TimeSyncState, "

@@ -35,10 +35,12 @@ class RobotFaults:
 
     Args:
         robot_ns: The robot's clock.
+        silent_services: Returns the faults of services whose programs are silent.
     """
 
-    def __init__(self, robot_ns: Callable[[], int]) -> None:
+    def __init__(self, robot_ns: Callable[[], int], silent_services: Callable[[], list[Message]]) -> None:
         self._robot_ns = robot_ns
+        self._silent_services = silent_services
         self._count = 0
         self._behaviour: list[Message] = []
         self._system: dict[str, Message] = {}
@@ -58,7 +60,7 @@ class RobotFaults:
         return {
             "system_fault_state": {"faults": list(self._system.values())},
             "behavior_fault_state": {"faults": self._behaviours()},
-            "service_fault_state": {"faults": list(self._service)},
+            "service_fault_state": {"faults": [*self._service, *self._silent_services()]},
         }
 
     def begin(self, cause: Cause) -> None:

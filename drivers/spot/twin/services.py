@@ -18,8 +18,9 @@ from strands_actors.drivers.spot.robots import TABLES
 from .body import SpotBody
 from .cameras import ImageService
 from .commands import CLOCK, Commands, kind_of
+from .directory import Directory
 from .faults import Cause, RobotFaults
-from .login import OPEN_SERVICES, Logins
+from .login import Logins
 from .mechanism import Mechanism
 from .reports import IDENTITY, Reports
 from .requests import METHODS
@@ -75,7 +76,8 @@ class SpotTwin(TwinRobot):
         self.estop = Estop(now_s)
         self.leases = Leases()
         self.logins = Logins(now_s, user, password)
-        self.robot_faults = RobotFaults(self.robot_ns)
+        self.directory = Directory(self.robot_ns)
+        self.robot_faults = RobotFaults(self.robot_ns, self.directory.liveness_faults)
         self.commands = Commands(self.mechanism, table, arm, self.robot_ns)
         self.reports = Reports(self.mechanism, arm, lambda: self.estop, self.robot_ns, self.robot_faults, table)
         self.images = ImageService(self.mechanism, arm, self.reports, self.robot_ns)
@@ -103,6 +105,7 @@ class SpotTwin(TwinRobot):
         self.mechanism.reset()
         self.estop, self.leases = Estop(self._now_s), Leases()
         self.robot_faults.restart()
+        self.directory.clear()
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -167,11 +170,13 @@ class SpotTwin(TwinRobot):
             case "GetRobotId":
                 return {"robot_id": IDENTITY}, ("read", None)
             case "ListServiceEntries":
-                return {"service_entries": [_entry(service) for service in p.SERVICES]}, ("read", None)
+                return {"service_entries": self.directory.entries()}, ("read", None)
             case "GetServiceEntry":
-                is_known = request.get("service_name") in p.SERVICES
-                entry = {"service_entry": _entry(request["service_name"])} if is_known else {}
-                return {"status": p.OK if is_known else 2, **entry}, ("read", None)
+                return self.directory.entry(request.get("service_name", "")), ("read", None)
+            case "RegisterService" | "UpdateService":
+                return self.directory.register(request, name == "RegisterService"), ("config", None)
+            case "UnregisterService":
+                return self.directory.unregister(request.get("service_name", "")), ("config", None)
             case "TimeSyncUpdate":
                 return self._sync(request), ("config", None)
             case "AcquireLease" | "TakeLease":
@@ -342,15 +347,6 @@ class SpotTwin(TwinRobot):
     def state(self) -> Message:
         """Return the robot's present state."""
         return self.reports.state(WRONG_M_S if self.faults.of(None) is Fault.WRONG else 0.0)
-
-
-def _entry(service: str) -> Message:
-    return {
-        "name": service,
-        "type": f"bosdyn.api.{p.SERVICES[service]}",
-        "authority": p.AUTHORITIES.get(service, p.AUTHORITIES["directory"]),
-        "user_token_required": service not in OPEN_SERVICES,
-    }
 
 
 def _logged_check_in(request: Message, reply: Message) -> Logged:

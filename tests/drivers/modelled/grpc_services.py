@@ -135,6 +135,10 @@ READY = {"position": 2}
 SERVICE_FAULT: Mapping[str, Any] = {"fault_id": {"fault_name": "cold", "service_name": "camera"}}
 
 
+def register_mine(twin: SpotTwin) -> None:
+    twin.directory.register({"service_entry": {"name": "mine"}}, is_new=True)
+
+
 def walks() -> Iterator[Walk]:
     """Yield the walks of this module."""
     named = {"header": {"client_name": "test"}}
@@ -150,6 +154,9 @@ def walks() -> Iterator[Walk]:
             **dict.fromkeys(METHODS.effects, named),
             "GetAuthToken": {**named, "username": "twin", "password": "twin"},
             "GetServiceEntry": {**named, "service_name": "lease"},
+            "RegisterService": {**named, "service_entry": {"name": "mine"}},
+            "UpdateService": {**named, "service_entry": {"name": "mine", "type": "other"}},
+            "UnregisterService": {**named, "service_name": "mine"},
             "GetImage": {**named, "image_requests": [{"image_source_name": "back_depth"}]},
             "RecordOperatorComments": {**named, "operator_comments": [{"message": "hello"}]},
             "ClearBehaviorFault": {**lease, "behavior_fault_id": 1},
@@ -175,6 +182,7 @@ def walks() -> Iterator[Walk]:
         ({},),
         {
             "AcquireLease": lambda twin: twin.leases.give_back(lease_of(twin)),
+            **dict.fromkeys(("UpdateService", "UnregisterService"), register_mine),
             "ClearBehaviorFault": lambda twin: twin.robot_faults.begin(Cause.FALL),
             "ClearServiceFault": lambda twin: twin.robot_faults.trigger_service_fault(SERVICE_FAULT),
             "SetEstopConfig": lambda twin: twin.mechanism.cut(),

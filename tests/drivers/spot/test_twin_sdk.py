@@ -205,6 +205,10 @@ def test_a_robot_with_faults_refuses_until_they_are_cleared(tmp_path: Path) -> N
             "trigger": ["", "ServiceFaultAlreadyExistsError"],
             "service": ["cold"],
             "clear": ["", "ServiceFaultDoesNotExistError"],
+            "register": ["", "ServiceAlreadyExistsError"],
+            "silent": ["mine"],
+            "update": "ServiceDoesNotExistError",
+            "unregister": ["", "ServiceDoesNotExistError"],
         }
         twin.order("repair")
         assert seen_by_the_vendor("repaired", twin) == {"cleared": True, "state": 3}  # it stands

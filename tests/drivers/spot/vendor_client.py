@@ -440,6 +440,16 @@ def faulty(port: str) -> dict[str, Any]:
     state = robot.ensure_client("robot-state").get_robot_state()
     reported["service"] = [one.fault_id.fault_name for one in state.service_fault_state.faults]
     reported["clear"] = [failure(lambda: faults.clear_service_fault(service.fault_id)) for _ in range(2)]
+    registrations = robot.ensure_client("directory-registration")
+    registered = ("mine", "void", "void", "0.0.0.0", 0)
+    reported["register"] = [
+        failure(lambda: registrations.register(*registered, liveness_timeout_secs=0.2)) for _ in range(2)
+    ]
+    time.sleep(0.4)
+    state = robot.ensure_client("robot-state").get_robot_state()
+    reported["silent"] = [one.fault_id.service_name for one in state.service_fault_state.faults]
+    reported["update"] = failure(lambda: registrations.update("other", *registered[1:]))
+    reported["unregister"] = [failure(lambda: registrations.unregister("mine")) for _ in range(2)]
     return reported
 
 
