@@ -54,7 +54,14 @@ TABLES: Mapping[str, str] = {
     "ListServiceEntriesResponse": f"{_REPLY}, service_entries 2 ServiceEntry*",
     "GetServiceEntryRequest": f"{_REQUEST}, service_name 2 text",
     "GetServiceEntryResponse": f"{_REPLY}, status 2 uint, service_entry 3 ServiceEntry",
-    "ServiceEntry": "name 1 text, type 2 text, authority 3 text, user_token_required 5 bool",
+    "ServiceEntry": "name 1 text, type 2 text, authority 3 text, last_update 4 Timestamp, "
+    "user_token_required 5 bool, liveness_timeout_secs 8 double",
+    "RegisterServiceRequest": f"{_REQUEST}, service_entry 3 ServiceEntry",
+    "RegisterServiceResponse": f"{_REPLY}, status 2 uint",
+    "UnregisterServiceRequest": f"{_REQUEST}, service_name 2 text",
+    "UnregisterServiceResponse": f"{_REPLY}, status 2 uint",
+    "UpdateServiceRequest": f"{_REQUEST}, service_entry 3 ServiceEntry",
+    "UpdateServiceResponse": f"{_REPLY}, status 2 uint",
     # time-sync
     "TimeSyncUpdateRequest": f"{_REQUEST}, previous_round_trip 2 RoundTrip, clock_identifier 3 text",
     "TimeSyncUpdateResponse": f"{_REPLY}, previous_estimate 2 Estimate, state 3 TimeSyncState, "
@@ -114,9 +121,16 @@ TABLES: Mapping[str, str] = {
     "Manipulator": "is_gripper_holding_item 6 bool, stow_state 9 uint, gripper_open_percentage 12 double, "
     "carry_state 16 uint",
     "SystemFaults": "faults 1 SystemFault*",
-    "SystemFault": "name 1 text, error_message 5 text, severity 7 uint",
+    "SystemFault": "name 1 text, onset_timestamp 2 Timestamp, error_message 5 text, severity 7 uint",
     "ServiceFaults": "faults 1 ServiceFault*",
-    "ServiceFault": "error_message 2 text",
+    "ServiceFault": "fault_id 1 ServiceFaultId, error_message 2 text, attributes 3 text*, severity 4 uint, "
+    "onset_timestamp 5 Timestamp",
+    "ServiceFaultId": "fault_name 1 text, service_name 2 text, payload_guid 3 text",
+    "TriggerServiceFaultRequest": f"{_REQUEST}, fault 2 ServiceFault",
+    "TriggerServiceFaultResponse": f"{_REPLY}, status 2 uint",
+    "ClearServiceFaultRequest": f"{_REQUEST}, fault_id 2 ServiceFaultId, clear_all_service_faults 3 bool, "
+    "clear_all_payload_faults 4 bool",
+    "ClearServiceFaultResponse": f"{_REPLY}, status 2 uint",
     "Foot": "foot_position_rt_body 1 Vec3, contact 2 uint",
     "Behavior": "state 1 uint",
     "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, "
@@ -130,7 +144,7 @@ TABLES: Mapping[str, str] = {
     "Edge": "key 1 text, value 2 ParentEdge",
     "ParentEdge": "parent_frame_name 1 text, parent_tform_child 2 Pose",
     "BehaviorFaults": "faults 1 BehaviorFault*",
-    "BehaviorFault": "behavior_fault_id 1 uint, cause 3 uint, status 4 uint",
+    "BehaviorFault": "behavior_fault_id 1 uint, onset_timestamp 2 Timestamp, cause 3 uint, status 4 uint",
     "RobotMetricsRequest": _REQUEST,
     "RobotMetricsResponse": f"{_REPLY}, robot_metrics 2 RobotMetrics",
     "RobotMetrics": "timestamp 1 Timestamp, metrics 2 Parameter*",
@@ -153,7 +167,8 @@ TABLES: Mapping[str, str] = {
     "RobotCommandFeedbackRequest": f"{_REQUEST}, robot_command_id 2 uint",
     "RobotCommandFeedbackResponse": f"{_REPLY}, feedback 4 Feedback, lease_use_result 5 LeaseUse",
     "ClearBehaviorFaultRequest": f"{_REQUEST}, lease 2 Lease, behavior_fault_id 3 uint",
-    "ClearBehaviorFaultResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint",
+    "ClearBehaviorFaultResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint, "
+    "behavior_fault 4 BehaviorFault, blocking_system_faults 5 SystemFault*",
     "Command": "full_body_command 1 FullBody, synchronized_command 3 Synchronized",
     "FullBody": "stop_request 1 Empty, freeze_request 2 Empty, selfright_request 3 Empty, "
     "safe_power_off_request 4 SafePowerOff, battery_change_pose_request 5 Empty, "

@@ -69,6 +69,8 @@ SERVICES: Mapping[str, str] = {
     "robot-command": "RobotCommandService",
     "image": "ImageService",
     "data-buffer": "DataBufferService",
+    "fault": "FaultService",
+    "directory-registration": "DirectoryRegistrationService",
 }
 """Type of each service, by its name in the directory."""
 
@@ -102,6 +104,14 @@ METHODS: Mapping[str, Method] = {
     ),
     **_methods("image", SERVICES["image"], "ListImageSources", "GetImage"),
     **_methods("data-buffer", SERVICES["data-buffer"], "RecordOperatorComments"),
+    **_methods("fault", SERVICES["fault"], "TriggerServiceFault", "ClearServiceFault"),
+    **_methods(
+        "directory-registration",
+        SERVICES["directory-registration"],
+        "RegisterService",
+        "UnregisterService",
+        "UpdateService",
+    ),
 }
 
 AUTHORITIES: Mapping[str, str] = {

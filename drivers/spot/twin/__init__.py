@@ -2,7 +2,8 @@
 ahead. The address contains the path of the certificate to trust: ``127.1.2.3:40000?ca=PATH``.
 
 Control lines of this simulated robot: ``steal NAME`` takes the lease, ``press`` and ``release``
-operate its e-stop button, ``mute METHOD ...`` suppresses the answers of these methods.
+operate its e-stop button, ``fall`` lets it fall, ``break NAME`` breaks a part of its hardware,
+``repair`` repairs all, ``mute METHOD ...`` suppresses the answers of these methods.
 """
 
 from __future__ import annotations

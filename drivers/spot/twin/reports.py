@@ -11,6 +11,7 @@ from strands_actors.drivers.spot.messages import Message
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import LEGS, wire_name
 
+from .faults import RobotFaults
 from .frames import frames_of
 from .geometry import Pose
 from .limbs import foot_at
@@ -48,6 +49,8 @@ class Reports:
         has_arm: True if the robot has an arm.
         estop: Returns the e-stop.
         robot_ns: The robot's clock.
+        faults: The active faults.
+        table: The robot's row in ``robots.toml``.
     """
 
     def __init__(
@@ -56,12 +59,14 @@ class Reports:
         has_arm: bool,
         estop: Callable[[], Estop],
         robot_ns: Callable[[], int],
+        faults: RobotFaults,
         table: Mapping[str, Any],
     ) -> None:
         self._mechanism = mechanism
         self._has_arm = has_arm
         self._estop = estop
         self._robot_ns = robot_ns
+        self._faults = faults
         self._table = table
 
     def state(self, wrong_m_s: float = 0.0) -> Message:
@@ -86,7 +91,6 @@ class Reports:
                     "status": DISCHARGING,
                 }
             ],
-            "system_fault_state": {},
             "estop_states": self._estops(),
             "kinematic_state": {
                 "acquisition_timestamp": stamp,
@@ -94,9 +98,8 @@ class Reports:
                 **self._velocities(wrong_m_s),
                 "transforms_snapshot": self.frame_tree(),
             },
-            "behavior_fault_state": {},
+            **self._faults.report(),
             "foot_state": self._feet(),
-            "service_fault_state": {},
             "behavior_state": {"state": self._behaviour()},
             **({"manipulator_state": self._arm()} if self._has_arm else {}),
         }

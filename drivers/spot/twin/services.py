@@ -18,7 +18,9 @@ from strands_actors.drivers.spot.robots import TABLES
 from .body import SpotBody
 from .cameras import ImageService
 from .commands import CLOCK, Commands, kind_of
-from .login import OPEN_SERVICES, Logins
+from .directory import Directory
+from .faults import Cause, RobotFaults
+from .login import Logins
 from .mechanism import Mechanism
 from .reports import IDENTITY, Reports
 from .requests import METHODS
@@ -33,8 +35,6 @@ _PATHS: Mapping[str, p.Method] = {method.path: method for method in p.METHODS.va
 
 COMMENTS = 1000
 """How many comments of operators are kept."""
-NOT_CLEARED = 2
-"""Answer to a request to clear a fault of the behaviour. This robot never has such a fault."""
 
 _UNNAMED = "unnamed"
 Logged = tuple[str, str | None]
@@ -76,8 +76,10 @@ class SpotTwin(TwinRobot):
         self.estop = Estop(now_s)
         self.leases = Leases()
         self.logins = Logins(now_s, user, password)
+        self.directory = Directory(self.robot_ns)
+        self.robot_faults = RobotFaults(self.robot_ns, self.directory.liveness_faults)
         self.commands = Commands(self.mechanism, table, arm, self.robot_ns)
-        self.reports = Reports(self.mechanism, arm, lambda: self.estop, self.robot_ns, table)
+        self.reports = Reports(self.mechanism, arm, lambda: self.estop, self.robot_ns, self.robot_faults, table)
         self.images = ImageService(self.mechanism, arm, self.reports, self.robot_ns)
         self.comments: list[Message] = []
         """The latest comments of operators, as the robot's log keeps them."""
@@ -102,6 +104,8 @@ class SpotTwin(TwinRobot):
         """Restart as after a boot: no client has the lease, and there is no endpoint."""
         self.mechanism.reset()
         self.estop, self.leases = Estop(self._now_s), Leases()
+        self.robot_faults.restart()
+        self.directory.clear()
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
@@ -111,6 +115,13 @@ class SpotTwin(TwinRobot):
                 self.estop.pressed = True
             case ["release"]:
                 self.estop.pressed = False
+            case ["fall"]:
+                self.robot_faults.begin(Cause.FALL)
+                self.mechanism.cut()
+            case ["break", name]:
+                self.robot_faults.break_hardware(name)
+            case ["repair"]:
+                self.robot_faults.repair()
             case ["mute", *methods]:
                 self.muted = set(methods)
             case _:
@@ -159,11 +170,13 @@ class SpotTwin(TwinRobot):
             case "GetRobotId":
                 return {"robot_id": IDENTITY}, ("read", None)
             case "ListServiceEntries":
-                return {"service_entries": [_entry(service) for service in p.SERVICES]}, ("read", None)
+                return {"service_entries": self.directory.entries()}, ("read", None)
             case "GetServiceEntry":
-                is_known = request.get("service_name") in p.SERVICES
-                entry = {"service_entry": _entry(request["service_name"])} if is_known else {}
-                return {"status": p.OK if is_known else 2, **entry}, ("read", None)
+                return self.directory.entry(request.get("service_name", "")), ("read", None)
+            case "RegisterService" | "UpdateService":
+                return self.directory.register(request, name == "RegisterService"), ("config", None)
+            case "UnregisterService":
+                return self.directory.unregister(request.get("service_name", "")), ("config", None)
             case "TimeSyncUpdate":
                 return self._sync(request), ("config", None)
             case "AcquireLease" | "TakeLease":
@@ -201,7 +214,14 @@ class SpotTwin(TwinRobot):
                 feedback = self.commands.feedback(request.get("robot_command_id", 0))
                 return {"feedback": feedback, "lease_use_result": {"status": p.OK}}, ("read", None)
             case "ClearBehaviorFault":
-                return {"lease_use_result": self.leases.use(lease), "status": NOT_CLEARED}, ("config", None)
+                return self._clear(request, lease), ("config", None)
+            case "TriggerServiceFault":
+                return {"status": self.robot_faults.trigger_service_fault(request.get("fault", {}))}, (
+                    "config",
+                    None,
+                )
+            case "ClearServiceFault":
+                return {"status": self.robot_faults.clear_service_fault(request)}, ("config", None)
         return self._answer_estop(name, request)
 
     def _answer_estop(self, name: str, request: Message) -> tuple[Message, Logged]:
@@ -275,6 +295,8 @@ class SpotTwin(TwinRobot):
             status = p.Power.INTERNAL_ERROR
         elif self.estop.level is not p.StopLevel.NONE:
             status = p.Power.ESTOPPED
+        elif self.robot_faults.is_broken:
+            status = p.Power.FAULTED
         else:
             self.mechanism.power_on()
             status = p.Power.SUCCESS if self.mechanism.motors is Motors.ON else p.Power.IN_PROGRESS
@@ -299,7 +321,9 @@ class SpotTwin(TwinRobot):
         kind, safe_state = kind_of(command)
         use = self.leases.use(lease)
         reply: Message = {"lease_use_result": use}
-        if use["status"] == p.OK:
+        if use["status"] == p.OK and self.robot_faults.refuses_commands:
+            reply["status"] = int(p.Command.BEHAVIOR_FAULT)
+        elif use["status"] == p.OK:
             is_estopped = self.estop.level is not p.StopLevel.NONE
             status, number = self.commands.carry_out(command, request.get("clock_identifier", ""), is_estopped)
             # "If empty, command was not accepted" (robot_command.proto).
@@ -312,20 +336,17 @@ class SpotTwin(TwinRobot):
             kind = "other"
         return reply, (kind, safe_state)
 
+    def _clear(self, request: Message, lease: Message) -> Message:
+        use = self.leases.use(lease)
+        if use["status"] != p.OK:
+            return {"lease_use_result": use}
+        return {"lease_use_result": use, **self.robot_faults.clear(request.get("behavior_fault_id", 0))}
+
     # -- reports
 
     def state(self) -> Message:
         """Return the robot's present state."""
         return self.reports.state(WRONG_M_S if self.faults.of(None) is Fault.WRONG else 0.0)
-
-
-def _entry(service: str) -> Message:
-    return {
-        "name": service,
-        "type": f"bosdyn.api.{p.SERVICES[service]}",
-        "authority": p.AUTHORITIES.get(service, p.AUTHORITIES["directory"]),
-        "user_token_required": service not in OPEN_SERVICES,
-    }
 
 
 def _logged_check_in(request: Message, reply: Message) -> Logged:

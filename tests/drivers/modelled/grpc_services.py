@@ -9,6 +9,7 @@ from strands_actors.drivers.spot import protocol as spot
 from strands_actors.drivers.spot.messages import encode, table
 from strands_actors.drivers.spot.twin import SpotTwin
 from strands_actors.drivers.spot.twin.commands import CLOCK
+from strands_actors.drivers.spot.twin.faults import Cause
 from strands_actors.drivers.spot.twin.feedback import Progress
 from strands_actors.drivers.spot.twin.requests import COMMANDS, METHODS
 
@@ -29,7 +30,6 @@ OTHER_SERVICES = (
     "DataBufferService/RecordTextMessages",
     "docking.DockingService/DockingCommand",
     "door.DoorService/OpenDoor",
-    "FaultService/TriggerServiceFault",
     "GraphNavService/NavigateTo",
     "GripperCameraParamService/SetParams",
     "InverseKinematicsService/InverseKinematics",
@@ -132,6 +132,11 @@ STANCE = {
 }
 ARM = {"trajectory": {"points": [{"position": {"sh0": {"value": 0.3}}}]}}
 READY = {"position": 2}
+SERVICE_FAULT: Mapping[str, Any] = {"fault_id": {"fault_name": "cold", "service_name": "camera"}}
+
+
+def register_mine(twin: SpotTwin) -> None:
+    twin.directory.register({"service_entry": {"name": "mine"}}, is_new=True)
 
 
 def walks() -> Iterator[Walk]:
@@ -149,8 +154,14 @@ def walks() -> Iterator[Walk]:
             **dict.fromkeys(METHODS.effects, named),
             "GetAuthToken": {**named, "username": "twin", "password": "twin"},
             "GetServiceEntry": {**named, "service_name": "lease"},
+            "RegisterService": {**named, "service_entry": {"name": "mine"}},
+            "UpdateService": {**named, "service_entry": {"name": "mine", "type": "other"}},
+            "UnregisterService": {**named, "service_name": "mine"},
             "GetImage": {**named, "image_requests": [{"image_source_name": "back_depth"}]},
             "RecordOperatorComments": {**named, "operator_comments": [{"message": "hello"}]},
+            "ClearBehaviorFault": {**lease, "behavior_fault_id": 1},
+            "TriggerServiceFault": {**named, "fault": SERVICE_FAULT},
+            "ClearServiceFault": {**named, "fault_id": SERVICE_FAULT["fault_id"]},
             "AcquireLease": {**named, "resource": spot.LEASE_RESOURCE},
             "TakeLease": {"header": {"client_name": "other"}, "resource": spot.LEASE_RESOURCE},
             "ReturnLease": lease,
@@ -171,11 +182,14 @@ def walks() -> Iterator[Walk]:
         ({},),
         {
             "AcquireLease": lambda twin: twin.leases.give_back(lease_of(twin)),
+            **dict.fromkeys(("UpdateService", "UnregisterService"), register_mine),
+            "ClearBehaviorFault": lambda twin: twin.robot_faults.begin(Cause.FALL),
+            "ClearServiceFault": lambda twin: twin.robot_faults.trigger_service_fault(SERVICE_FAULT),
             "SetEstopConfig": lambda twin: twin.mechanism.cut(),
             "DeregisterEstopEndpoint": lambda twin: twin.mechanism.cut(),
         },
-        # A login changes nothing, and there is no fault to clear (see the table).
-        frozenset(("GetAuthToken", "ClearBehaviorFault", "PowerCommandFeedback", "AcquireLease")),
+        # A login changes nothing.
+        frozenset(("GetAuthToken", "PowerCommandFeedback", "AcquireLease")),
     )
     yield Walk(
         "spot commands",

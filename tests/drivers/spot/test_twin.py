@@ -14,6 +14,7 @@ from strands_actors.drivers.spot.messages import Message, decode
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.twin import SpotTwin
 from strands_actors.drivers.spot.twin.commands import CLOCK
+from strands_actors.drivers.spot.twin.directory import Directory
 from strands_actors.drivers.spot.twin.feedback import OVERRIDDEN, PROCESSING
 from strands_actors.drivers.spot.twin.limbs import HIPS, foot_at, leg_to
 from strands_actors.drivers.spot.twin.login import TOKEN_S
@@ -321,3 +322,17 @@ def test_the_vendors_client_decodes_the_whole_state() -> None:
         assert "manipulator_state" not in without and len(without["kinematic_state"]["joint_states"]) == 12
 
     virtual(test)
+
+
+def test_a_registered_service_has_a_fault_once_its_program_is_silent() -> None:
+    now_ns = [0]
+    directory = Directory(lambda: now_ns[0])
+    request = {"service_entry": {"name": "mine", "liveness_timeout_secs": 5.0}}
+    assert directory.register(request, is_new=True) == {"status": p.OK}
+    for _ in range(3):  # the vendor's client registers again as its heartbeat, and expects the refusal
+        now_ns[0] += 4 * p.NS
+        assert directory.register(request, is_new=True) == {"status": 2}
+        assert directory.liveness_faults() == []
+    now_ns[0] += 6 * p.NS
+    assert [fault["fault_id"]["service_name"] for fault in directory.liveness_faults()] == ["mine"]
+    assert directory.register({"service_entry": {"name": "lease"}}, is_new=False) == {"status": 2}

@@ -190,3 +190,25 @@ def test_a_robot_without_an_arm_reports_incompatible_hardware(tmp_path: Path) ->
         "walks": ["STATUS_INCOMPATIBLE_HARDWARE", 0.3],
         "hand": False,
     }
+
+
+def test_a_robot_with_faults_refuses_until_they_are_cleared(tmp_path: Path) -> None:
+    with Twin("spot", tmp_path, options={"haste": HASTE}) as twin:
+        twin.order("fall")
+        twin.order("break imu")
+        assert seen_by_the_vendor("faulty", twin) == {
+            "power": "FaultedError",
+            "stand": "BehaviorFaultError",
+            "behaviour": [[1, 1], [2, 2]],  # a fall, which can be cleared, and hardware, which cannot
+            "hardware": [["imu", 3]],
+            "cleared": ["", "NotClearedError"],
+            "trigger": ["", "ServiceFaultAlreadyExistsError"],
+            "service": ["cold"],
+            "clear": ["", "ServiceFaultDoesNotExistError"],
+            "register": ["", "ServiceAlreadyExistsError"],
+            "silent": ["mine"],
+            "update": "ServiceDoesNotExistError",
+            "unregister": ["", "ServiceDoesNotExistError"],
+        }
+        twin.order("repair")
+        assert seen_by_the_vendor("repaired", twin) == {"cleared": True, "state": 3}  # it stands

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from bosdyn.api import basic_command_pb2, geometry_pb2, robot_command_pb2, trajectory_pb2
+from bosdyn.api import basic_command_pb2, geometry_pb2, robot_command_pb2, service_fault_pb2, trajectory_pb2
 from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
 from bosdyn.client import frame_helpers, math_helpers
 from bosdyn.client.estop import EstopEndpoint, EstopKeepAlive
@@ -415,8 +415,61 @@ def armless(port: str) -> dict[str, Any]:
     return reported
 
 
+def faulty(port: str) -> dict[str, Any]:
+    """Use a robot that has fallen and whose IMU is broken."""
+    robot = connected(port)
+    robot.authenticate("twin", "twin")
+    robot.time_sync.wait_for_sync(8)
+    reported: dict[str, Any] = {}
+    faults, commands = robot.ensure_client("fault"), robot.ensure_client("robot-command")
+    with LeaseKeepAlive(robot.ensure_client("lease"), must_acquire=True, return_at_exit=True):
+        endpoint = EstopEndpoint(robot.ensure_client("estop"), "vendor", 5.0)
+        endpoint.force_simple_setup()
+        with EstopKeepAlive(endpoint):
+            reported["power"] = failure(lambda: robot.power_on(timeout_sec=5))
+            reported["stand"] = failure(lambda: blocking_stand(commands, timeout_sec=1))
+            state = robot.ensure_client("robot-state").get_robot_state()
+            behaviour = state.behavior_fault_state.faults
+            reported["behaviour"] = [[one.cause, one.status] for one in behaviour]
+            reported["hardware"] = [[one.name, one.severity] for one in state.system_fault_state.faults]
+            reported["cleared"] = [
+                failure(lambda one=one: commands.clear_behavior_fault(one.behavior_fault_id)) for one in behaviour
+            ]
+    service = service_fault_pb2.ServiceFault(fault_id={"fault_name": "cold", "service_name": "camera"}, severity=2)
+    reported["trigger"] = [failure(lambda: faults.trigger_service_fault(service)) for _ in range(2)]
+    state = robot.ensure_client("robot-state").get_robot_state()
+    reported["service"] = [one.fault_id.fault_name for one in state.service_fault_state.faults]
+    reported["clear"] = [failure(lambda: faults.clear_service_fault(service.fault_id)) for _ in range(2)]
+    registrations = robot.ensure_client("directory-registration")
+    registered = ("mine", "void", "void", "0.0.0.0", 0)
+    reported["register"] = [
+        failure(lambda: registrations.register(*registered, liveness_timeout_secs=0.2)) for _ in range(2)
+    ]
+    time.sleep(0.4)
+    state = robot.ensure_client("robot-state").get_robot_state()
+    reported["silent"] = [one.fault_id.service_name for one in state.service_fault_state.faults]
+    reported["update"] = failure(lambda: registrations.update("other", *registered[1:]))
+    reported["unregister"] = [failure(lambda: registrations.unregister("mine")) for _ in range(2)]
+    return reported
+
+
+def repaired(port: str) -> dict[str, Any]:
+    """Clear the last fault of a robot whose hardware is whole again, and let it stand."""
+    robot = connected(port)
+    robot.authenticate("twin", "twin")
+    (fault,) = robot.ensure_client("robot-state").get_robot_state().behavior_fault_state.faults
+    leases = robot.ensure_client("lease")
+    leases.acquire("body")
+    cleared = robot.ensure_client("robot-command").clear_behavior_fault(fault.behavior_fault_id)
+    leases.return_lease(robot.lease_wallet.get_lease("body"))
+    with powered(port) as spot:
+        blocking_stand(spot.commands, timeout_sec=10)
+        return {"cleared": cleared, "state": int(spot.state.behavior_state.state)}
+
+
 SCENES: Mapping[str, Callable[[str], dict[str, Any]]] = {
-    scene.__name__: scene for scene in (drive, walk, pose, report, arm, armless, hand, stance, images)
+    scene.__name__: scene
+    for scene in (drive, walk, pose, report, arm, armless, hand, stance, images, faulty, repaired)
 }
 
 if __name__ == "__main__":
