@@ -88,8 +88,11 @@ WIRES = {
 }
 """Name of a wire protocol to the location of its driver class. Each class supports one or several robots."""
 
-OWN_TABLES = {"table": "can_motors"}
-"""Keyword with the table of a user's own robot, to the wire that reads it. Such a robot may have any name."""
+PARTS = "strands_actors.parts.driver:PartsDriver"
+"""Location of the class that drives a robot that is made of other robots."""
+
+OWN_TABLES = {"table": WIRES["can_motors"], "parts": PARTS}
+"""Keyword that describes a user's own robot, to the location of its driver class. Such a robot may have any name."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
@@ -173,7 +176,7 @@ def _load() -> None:
     # they get the location of their driver class.
     from importlib.metadata import entry_points
 
-    locations = dict(WIRES)
+    locations = {**WIRES, "parts": PARTS}
     for point in entry_points(group="strands_actors.drivers"):
         locations.setdefault(point.name, point.value)
     for wire, location in locations.items():
@@ -317,10 +320,10 @@ def register_own_table(name: str, keywords: Mapping[str, Any]) -> None:
         name: Name of the robot. A known name keeps its driver.
         keywords: The keywords of ``Robot``.
     """
-    wire = next((wire for keyword, wire in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
-    if wire is not None and name not in list_driver_coverage():
+    place = next((place for keyword, place in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
+    if place is not None and name not in list_driver_coverage():
         register_robot(name, hardware={"driver": NATIVE_DRIVER})
-        register_native_driver(name, load(WIRES[wire]))
+        register_native_driver(name, load(place))
 
 
 def canonical_name(name: str) -> str:

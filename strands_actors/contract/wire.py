@@ -121,6 +121,20 @@ class Wire(ABC):
     """The safe state that the last ``make_safe`` has led to, if it is another one than the ordered one: an arm that
     could not be lowered to the end is limp. The transport clears it before a stop, and reports it."""
 
+    expires_ns: int = 0
+    """When the motion of the setpoint has to end; 0 if it ends with its writer's lease. The transport sets it before
+    each write."""
+
+    streamed: bool = False
+    """True if the setpoint is part of a stream. The transport sets it before each write."""
+
+    reason: str = ""
+    """The ``Reason`` of the stop or hold. The transport sets it before ``make_safe`` and ``reach``."""
+
+    lifts: bool = False
+    """True if an operator's resume arms the robot, which lifts the lock of an e-stop. The transport sets it before
+    ``arm``."""
+
     @property
     def seen(self) -> Observation | None:
         """The newest reading of a stop that takes seconds (land, lowered, settle); None if it reads no positions.

@@ -678,14 +678,14 @@ class Gate(Actor):
             return self._resume_armed()
         if self._state.locked_by and not message.lift:
             return refusals.resume_locked_out(self._state.locked_by)
-        refusal = self._begin_to_arm()
+        refusal = self._begin_to_arm(message.lift)
         if refusal is not None:
             return refusal
         deferred = self.context.defer()
         self._resumes.append(deferred)
         return deferred
 
-    def _begin_to_arm(self) -> Refused | None:
+    def _begin_to_arm(self, lifts: bool = False) -> Refused | None:
         mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
             return refusals.no_standby(self._no_standby)
@@ -696,7 +696,7 @@ class Gate(Actor):
             if mode not in failsafe.LINKED:
                 return refusals.not_connected(self._connect_error)
             return refusals.busy_for_resume(mode)
-        self._transport.tell(Arm(self._state.epoch))
+        self._transport.tell(Arm(self._state.epoch, lifts))
         return None
 
     def _resume_armed(self) -> Resumed | Refused | Deferred:

@@ -181,7 +181,9 @@ class Tree:
         self.args = args
         self.actors = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
+        # A part of a robot is commanded by an attached program, as the robot of a host is. But it has no host.
         self.is_hosted = args.get("hosted") is not None
+        self.has_host = self.is_hosted and not args.get("is_part", False)
         run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # Accept messages of the wire's actors only on the link to the wire process. Do not look for these actors
@@ -435,7 +437,7 @@ class Tree:
     def _see_suspended(self, pid: int) -> None:
         """End the robot's processes if the system has suspended their host (SIGSTOP). Otherwise a suspended host
         could neither end nor restart them, and no person would notice."""
-        if self.is_hosted and pid == self.args["caller_pid"]:
+        if self.has_host and pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the host is suspended")
 
     def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
@@ -520,7 +522,7 @@ class Tree:
         mode = Mode.FAILED if self.failed else Mode(state.mode)
         restarts = self.restarts
         report = [
-            ProcessInfo(HOST if self.is_hosted else "caller", self.args["caller_pid"], 0),
+            ProcessInfo(HOST if self.has_host else "caller", self.args["caller_pid"], 0),
             ProcessInfo("root", os.getpid(), 0),
             ProcessInfo("spawner", self.spawner.pid, 0),
         ]

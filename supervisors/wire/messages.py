@@ -46,6 +46,7 @@ class MakeSafe(Message, frozen=True):
 
 class Arm(Message, frozen=True):
     epoch: int
+    lifts: bool = False  # True if an operator's resume arms the robot, which lifts the lock of an e-stop
 
 
 class CarryOut(Message, frozen=True):

@@ -135,6 +135,7 @@ class Transport(Actor):
         # True if a call of an SDK hangs: this process can then only stop the robot.
         self._replacement_requested = False
         self._last: Write | None = None
+        self._reason = ""  # the reason of the newest stop or hold
         timing = driver.timing
         self._keepalive_ns = round(timing.keepalive_s * NS)
         self._cycle_ns = round(max(1.0 / timing.control_hz, timing.tick_s) * NS)
@@ -186,7 +187,7 @@ class Transport(Actor):
             case MakeSafe():
                 await self._make_safe(message)
             case Arm():
-                await self._arm(message.epoch)
+                await self._arm(message)
             case CarryOut():
                 self._carry_out(message)
             case HandOverAgain():
@@ -198,6 +199,7 @@ class Transport(Actor):
         if self._wire is None:
             return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
+        wire.expires_ns, wire.streamed = write.expires_ns, write.streamed
         written = False
         try:
             if wire.prompt:
@@ -271,8 +273,11 @@ class Transport(Actor):
     async def _make_safe(self, message: MakeSafe) -> None:
         self.epoch = max(self.epoch, message.epoch)
         self._last = None
+        self._reason = str(message.reason)
         if self._performing is not None:
             self._performing.cancel()
+        if self._wire is not None:
+            self._wire.reason = self._reason
         # If a script ends that has not energised the robot, the robot is left as it is.
         lasts = self._safety_page.may_be_energised or message.reason in ORDERED
         safe_state = self._safety_page.order(message.safe_state, lasts)
@@ -352,7 +357,7 @@ class Transport(Actor):
         # The order also counts for a robot that was never connected.
         reached: tuple[MotorReport, ...] | None = None
         with self._cancelled_by_stop(safe_state in SLOW):
-            reached = await self._reach(safe_state, began_ns)
+            reached = await self._reach(safe_state, self._reason, began_ns)
         return None if reached is None else reached or motors
 
     def _note_written(self) -> None:
@@ -389,11 +394,12 @@ class Transport(Actor):
             self._lose(down)
             return None
 
-    async def _reach(self, safe_state: SafeState, began_ns: int) -> tuple[MotorReport, ...]:
+    async def _reach(self, safe_state: SafeState, reason: str, began_ns: int) -> tuple[MotorReport, ...]:
         """Write the safe state to a robot that is not connected, on any connection that still works. Return no
         reports if this takes too long."""
         if self._lost is None:
             self._lost = self._driver.open_wire(self.context.clock)
+        self._lost.reason = reason
         passed_s = (self.context.clock.now_ns() - began_ns) / NS
         with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
             # If the wire cannot write without a handshake, a new stop channel is opened, which needs no handshake.
@@ -422,7 +428,8 @@ class Transport(Actor):
         )
         self._gate.tell(SafeDone(report, hold_failed, observation))
 
-    async def _arm(self, epoch: int) -> None:
+    async def _arm(self, message: Arm) -> None:
+        epoch = message.epoch
         if epoch <= self.epoch:
             return
         self.epoch = epoch
@@ -438,7 +445,7 @@ class Transport(Actor):
                     self._safety_page.may_be_energised = True
                     self._safety_page.begin_anew()
                     error = "a stop came before the robot was armed"
-                    self._wire.hold_failed = ""
+                    self._wire.hold_failed, self._wire.lifts = "", message.lifts
                     late_s = self._driver.timing.late_s
                     with (
                         self._cancelled_by_stop(self._wire.interruptible),
@@ -556,7 +563,7 @@ class Transport(Actor):
         safe_state = self._safety_page.order(self._driver.fallbacks[Reason.LINK])
         began_ns = self.context.clock.now_ns()
         with self._cancelled_by_stop(), self._busy(self._driver.timing.safe_s, number):
-            motors = await self._reach(safe_state, began_ns)
+            motors = await self._reach(safe_state, str(Reason.LINK), began_ns)
             if not all_safe(motors):
                 RESERVE.end_if_short()
             if any(motor.written for motor in motors):

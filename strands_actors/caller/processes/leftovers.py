@@ -22,6 +22,8 @@ SOCKET_LOCK = ".sock.lock"
 """Suffix of zenoh's lock file of a socket. zenoh holds it exclusively while it listens."""
 NAME_LOCK = ".lock"
 PORT_LOCK = ".port"
+PAGE = ".page"
+"""Suffix of the file with the shared page of a part (``parts``), on which its processes note what may be energised."""
 CALLER = "caller-"
 
 
@@ -44,6 +46,7 @@ def _remove_robot(directory: Path, robot: str, names: list[str]) -> None:
         if not is_free:
             return
         _unlink(directory / f"{robot}.json")
+        _unlink(directory / f"{robot}{PAGE}")
         for name in names:
             # The robot "so101" owns "so101.wire.sock". The file "so101.left.wire.sock" belongs to another
             # robot.

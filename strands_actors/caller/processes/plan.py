@@ -55,8 +55,15 @@ class Plan:
     """If a host makes the plan: settings for the handles of its robot, as plain data. None for a script."""
     policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
     """Limits of each process of a named policy."""
+    parts: Mapping[str, Plan] = field(default_factory=dict)
+    """The plan of each part of a robot that is made of other robots, by the part's name."""
+    is_part: bool = False
+    """True for such a part. The wire process of the whole robot commands it, as an attached program."""
 
     @property
     def is_simulated(self) -> bool:
-        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started."""
+        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started. Of a
+        robot of parts, all parts are then simulated."""
+        if self.parts:
+            return all(part.is_simulated for part in self.parts.values())
         return self.twin_process is not None or (self.attached and self.transport is not None)

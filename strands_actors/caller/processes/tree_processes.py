@@ -46,6 +46,7 @@ from . import process_one, refusals
 from .descendants import complete
 from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
+from .leftovers import PAGE
 from .nodes import Entrance
 from .plan import Plan
 from .port_claim import claim_port, port_identity
@@ -102,27 +103,22 @@ class TreeProcesses(Processes):
         require(FOR_ROBOT)
         self.require_open()
         plan = self.plan
-        port = plan.port
-        if plan.twin_process is not None:
-            try:
-                await plan.twin_process.start()
-            except TwinProcessDown as down:
-                raise NotConnected(str(down)) from None
-            self.require_open()
-            port = plan.twin_process.control if plan.transport == SIM else plan.twin_process.port
         if self._name is None:
             try:
-                self._name = Name(plan.tool_name, exact=plan.hosted is not None)
+                self._name = Name(plan.tool_name, exact=plan.hosted is not None or plan.is_part)
             except NameTaken as taken:
                 raise NotConnected(str(taken)) from None
             self.robot = self._name.name
+        port = await self._start_hardware()
+        self.require_open()
         if plan.mesh.listens or plan.mesh.connects:
             try:
                 plan.mesh.check_robot(self.robot)
             except (ValueError, OSError) as error:
                 raise NotConnected(str(error)) from None
-        identity = "" if plan.twin_process is not None else port_identity(plan)
-        claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
+        has_port = plan.twin_process is None and not plan.parts
+        identity = port_identity(plan) if has_port else ""
+        claim = await claim_port(plan, self.robot) if has_port else None
         try:
             self.require_open()
             report = await until_over(self.robot, identity)
@@ -133,6 +129,17 @@ class TreeProcesses(Processes):
         finally:
             if claim is not None:
                 claim.close()  # The root has inherited the lock, and keeps it as long as it lives.
+
+    async def _start_hardware(self) -> str:
+        """Start what stands in for the hardware, if anything does, and return the port of the robot."""
+        twin = self.plan.twin_process
+        if twin is None:
+            return self.plan.port
+        try:
+            await twin.start()
+        except TwinProcessDown as down:
+            raise NotConnected(str(down)) from None
+        return twin.control if self.plan.transport == SIM else twin.port
 
     def _begin(
         self, port: str, identity: str, hold: tuple[int, ...], background: Callable[[], Awaitable[None]]
@@ -149,7 +156,7 @@ class TreeProcesses(Processes):
         """
         plan, name = self.plan, self._name
         assert name is not None
-        own = "" if plan.twin_process is not None else port
+        own = "" if plan.twin_process is not None or plan.parts else port
         if plan.twin_process is None:
             process_one.warn_once()
         roles = ("root", "wire", "policy", "mesh")
@@ -178,7 +185,8 @@ class TreeProcesses(Processes):
             "connect": [self._entrance.endpoint],
             "secret": self._entrance.secret,
             "cameras": self._begin_cameras(port),
-            "hosted": None if plan.hosted is None else self._hosted(driver),
+            "hosted": self._hosted(driver) if plan.is_part or plan.hosted is not None else None,
+            "is_part": plan.is_part,
             "mesh": {
                 "listen": [mesh, *plan.mesh.listens],
                 "connect": plan.mesh.connects,
@@ -186,7 +194,7 @@ class TreeProcesses(Processes):
             },
         }
         entry = "strands_actors.supervisors.root.process:main"
-        page = new_page()
+        page = new_page(name.path_with_suffix(PAGE) if plan.is_part else None)
         try:
             process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot), [page])
             self._safety_page = SafetyPage(words_of(page))

@@ -9,7 +9,7 @@ from typing import Any
 from strands_actors.contract.cameras import CameraSettings
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
-from strands_actors.drivers import MODEL, PLAIN, SIMULATION, driver_name
+from strands_actors.drivers import MODEL, PARTS, PLAIN, SIMULATION, driver_name
 from strands_actors.kernel.processes.limits import PolicyLimits
 from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 
@@ -30,6 +30,11 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
         TypeError: A value has the wrong type, or the chosen mode would ignore the keyword.
     """
     arguments, driver_class = read(name, mode, **keywords)
+    if driver_class is load(PARTS):
+        # Only a robot of parts needs this import.
+        from .parts import parts_plan
+
+        return parts_plan(arguments, driver_class, plan)
     if arguments.mode == "sim" and (
         issubclass(driver_class, Driver) or arguments.scene.model(arguments.robot) is not None
     ):
@@ -62,6 +67,11 @@ async def completed(robot_plan: Plan) -> Plan:
     """
     if robot_plan.twin_process is not None or robot_plan.host_address or robot_plan.attached:
         return robot_plan
+    if robot_plan.parts:
+        from .parts import options_of
+
+        parts = {name: await completed(part) for name, part in robot_plan.parts.items()}
+        return replace(robot_plan, parts=parts, options=options_of(parts, robot_plan.options["joined_by"]))
     options = await robot_plan.driver_class.complete(robot_plan.robot, robot_plan.port, robot_plan.options)
     return robot_plan if options == robot_plan.options else replace(robot_plan, options=options)
 

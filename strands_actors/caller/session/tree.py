@@ -196,8 +196,9 @@ class RobotTree:
         self._processes.close()
         self.rollouts.end("cleanup")
         result = await self._end()
-        if self.plan.twin_process is not None and self.plan.owns_twin_process:
-            await self.plan.twin_process.close()
+        for plan in (self.plan, *self.plan.parts.values()):
+            if plan.twin_process is not None and plan.owns_twin_process:
+                await plan.twin_process.close()
         return result
 
     async def _end(self) -> StopResult:
@@ -438,6 +439,11 @@ def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Pl
         from ..processes.attached_processes import AttachedProcesses
 
         return AttachedProcesses(nursery, plan, driver)
+    if plan.parts:
+        # Only a program with a robot of parts needs this import.
+        from ..processes.parts_processes import PartsProcesses
+
+        return PartsProcesses(node, nursery, entrance, plan, driver)
     if not plan.host_address:
         return TreeProcesses(node, nursery, entrance, plan, driver)
     # Only a program with a robot of another host needs this import.

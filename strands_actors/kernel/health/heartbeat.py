@@ -13,6 +13,7 @@ import mmap
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 PLACES = 9
 _ROOM = 8
@@ -66,9 +67,16 @@ class Heartbeat:
         self._words[self._peer] = 0
 
 
-def new_page() -> int:
-    """Make a page of shared memory for heartbeats. Return its descriptor, which is passed to child processes."""
-    if sys.platform == "linux":
+def new_page(file: Path | None = None) -> int:
+    """Make a page of shared memory for heartbeats. Return its descriptor, which is passed to child processes.
+
+    Args:
+        file: A file with the page, for processes that are no children. An existing file is replaced.
+    """
+    if file is not None:
+        file.unlink(missing_ok=True)
+        fd = os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    elif sys.platform == "linux":
         fd = os.memfd_create("heartbeat")
     else:
         with tempfile.TemporaryFile() as file:
