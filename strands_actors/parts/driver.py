@@ -32,8 +32,8 @@ from .tables import TABLES
 SETTLE_S = 1.0
 """How much longer a stop of all parts may take than that of the slowest part: its gate may not answer, so that its
 root process stops it."""
-START_S = 15.0
-"""How long the parts may take to start, on a busy computer."""
+READY_S = 5.0
+"""How long the standby of a part may take until it is ready, on a busy computer."""
 
 
 class PartsDriver(Driver):
@@ -131,9 +131,6 @@ class PartsDriver(Driver):
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
         return {}
 
-    def preload(self) -> None:
-        super().preload()
-
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         keys = ", ".join(self.axes)
         if not action:
@@ -230,7 +227,7 @@ def _timing(timings: list[Timing]) -> Timing:
         oneshot_ttl_s=min(oneshots) if oneshots else None,
         state_ttl_s=max(timing.state_ttl_s for timing in timings),
         arm_s=max(timing.arm_s for timing in timings) + SETTLE_S,
-        open_s=max(timing.open_s for timing in timings) + START_S,
+        open_s=max(timing.open_s for timing in timings) + READY_S,
         safe_s=max(timing.safe_s for timing in timings) + SETTLE_S,
         late_s=max(timing.late_s for timing in timings),
     )

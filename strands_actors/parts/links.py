@@ -10,19 +10,22 @@ from typing import TypeVar
 
 import trio
 
-from strands_actors.caller.processes.nodes import open_node
 from strands_actors.caller.processes.leftovers import PAGE
+from strands_actors.caller.processes.nodes import open_node
 from strands_actors.caller.processes.run_directory import is_running
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
 from strands_actors.contract.wire import MotorReport
+from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.kernel.health.heartbeat import words_of
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.page import SafetyPage
+from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import Fence
 
 from .config import PartConfig, PartsConfig
@@ -54,13 +57,15 @@ class Links:
     def are_open(self) -> bool:
         return self._node is not None
 
-    def _ref(self, part: PartConfig, actor: str) -> Ref:
+    def _ref(self, part: PartConfig, actor: type[Actor]) -> Ref:
         if self._node is None:
             raise Unreachable(f"{part.name} is not connected")
-        sender = f"{self._node.address}/{part.robot}"
-        return self._node.ref(addresses.of(part.robot).address(actor), sender=sender)
+        address = addresses.of(part.robot).address(actor.__name__.lower())
+        return self._node.ref(address, actor, sender=f"{self._node.address}/{part.robot}")
 
-    async def ask(self, part: PartConfig, message: Message, within_s: float, actor: str = "gate") -> Message | None:
+    async def ask(
+        self, part: PartConfig, message: Message, within_s: float, actor: type[Actor] = Gate
+    ) -> Message | None:
         """Ask an actor of a part, and return its answer.
 
         Raises:
@@ -71,7 +76,7 @@ class Links:
 
     def tell(self, part: PartConfig, message: Message) -> None:
         """Send a message to the gate of a part, without an answer."""
-        self._ref(part, "gate").tell(message)
+        self._ref(part, Gate).tell(message)
 
     async def each(self, run: Callable[[PartConfig], Awaitable[T]]) -> list[T]:
         """Run a function for all parts at the same time, and return the results in the order of the parts."""
@@ -100,7 +105,7 @@ class Links:
         if not isinstance(answer, StopReport):
             fence = Fence(Reason.STOP if reason in HOLDING_REASONS else reason, by, lock)
             try:
-                answer = await self.ask(part, fence, deadlines.root_s, "guardian")
+                answer = await self.ask(part, fence, deadlines.root_s, Guardian)
             except (AskTimeout, Unreachable) as failure:
                 problem = str(failure)
         if not isinstance(answer, StopReport):

@@ -37,6 +37,7 @@ from strands_actors.supervisors.gate.messages import (
     Status,
 )
 from strands_actors.supervisors.root.messages import AttachProgram, Hosted
+from strands_actors.supervisors.root.process import Root
 
 from .config import HELD, PART_STATE, STOPPED, PartConfig, PartsConfig, ordered
 from .links import Links
@@ -138,7 +139,7 @@ class PartsWire(Wire):
             await trio.sleep(LOOK_S)
 
     async def _attach(self, part: PartConfig, status: Status) -> None:
-        answer = await self._links.ask(part, AttachProgram(os.getpid()), ASK_S, "root")
+        answer = await self._links.ask(part, AttachProgram(os.getpid()), ASK_S, Root)
         if not isinstance(answer, Hosted):
             self._down = f"{part.name}: its root process does not let this robot command it"
         known = self._parts[part.name]

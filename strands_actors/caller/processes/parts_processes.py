@@ -39,20 +39,19 @@ class PartsProcesses(TreeProcesses):
         self._parts: dict[str, TreeProcesses] = {}
 
     async def _start_hardware(self) -> str:
-        """Start the processes of the parts that do not run. Return the place of their sockets, which is the port of
-        the whole robot: the run directory, and the robot's name."""
+        """Start the processes of the parts that do not run, and wait until each is connected to its hardware. Return
+        the place of their sockets, which is the port of the whole robot: the run directory, and the robot's name."""
         for name, plan in self.plan.parts.items():
             if name not in self._parts:
                 own = replace(plan, tool_name=f"{self.robot}_{name}", is_part=True)
                 driver = build_driver(own.driver_class, own.robot, own.port, own.options)
-                self._parts[name] = TreeProcesses(
-                    self.node, self.nursery, self._entrance_of_parts, own, driver
-                )
+                self._parts[name] = TreeProcesses(self.node, self.nursery, self._entrance_of_parts, own, driver)
 
         async def start(part: TreeProcesses) -> str:
             try:
                 if not part.started:
                     await part.start(trio.sleep_forever)
+                    await part.wait_linked()
             except (NotConnected, OSError) as failure:
                 return f"{part.robot}: {failure}"
             return ""

@@ -25,9 +25,7 @@ WHOLE = ("id", "tool_name", "peer_id", "arm", "approve", "guarded", "approve_wit
 """Keywords of ``Robot`` that only the whole robot takes."""
 
 
-def parts_plan(
-    arguments: RobotArguments, driver_class: type[Driver], plan_of: Callable[..., Plan]
-) -> Plan:
+def parts_plan(arguments: RobotArguments, driver_class: type[Driver], plan_of: Callable[..., Plan]) -> Plan:
     """Return the plan of a robot of parts.
 
     Args:
@@ -55,7 +53,9 @@ def parts_plan(
             text = str(failure).removeprefix("Robot: ")
             raise type(failure)(f"Robot: part {part} of {name}: {text}") from None
         if not issubclass(made.driver_class, Driver) or not made.driver_class(made.robot, "", made.options).parts:
-            raise ValueError(f"Robot: part {part} of {name}: {robot} cannot be a part. Give a robot with a driver here")
+            raise ValueError(
+                f"Robot: part {part} of {name}: {robot} cannot be a part. Give a robot with a driver here"
+            )
         parts[part] = made
     joined_by = str(table.get("joined_by", JOINED_BY))
     return Plan(
@@ -101,7 +101,7 @@ def _refuse_keywords(arguments: RobotArguments) -> None:
     """Raise ``TypeError`` if a keyword is given that only a part, or no robot of parts, can use."""
     given = {"port": arguments.port, "sim": arguments.sim, "cameras": arguments.cameras}
     given |= {"at": arguments.host_address, "require_drill": arguments.drill_age_s}
-    given |= {key: True for key in arguments.scene.simulation_keywords()}
+    given |= dict.fromkeys(arguments.scene.simulation_keywords(), True)
     if ignored := [f"{key}=" for key, value in given.items() if value is not None]:
         raise TypeError(
             f"Robot: {arguments.name} is made of parts, and takes no {', '.join(ignored)} itself. Give it to a part: "
