@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
@@ -14,6 +15,7 @@ from strands_actors.kernel.node import Node
 from strands_actors.parts.tables import CAMERA_JOINED_BY
 from strands_actors.supervisors.gate.messages import Lease
 from strands_actors.supervisors.loading import build_driver
+from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.supervisors.stop_result import Confirmed, StopResult
 from strands_actors.surfaces.cameras.config import SCENE
 
@@ -24,6 +26,11 @@ from .run_directory import run_dir
 from .tree_processes import TreeProcesses
 
 T = TypeVar("T")
+
+RETRY_S = 3.0
+"""Longest pause of the wire process of a part between two attempts to open the wire, and the time of one attempt."""
+CALLER = "caller"
+"""The role of this program. It is the caller of the whole robot and of each part, and is shown once."""
 
 
 class PartsProcesses(TreeProcesses):
@@ -112,9 +119,34 @@ class PartsProcesses(TreeProcesses):
         stopped = await self._each(make_safe)
         return next((each for each in stopped if not isinstance(each, Confirmed)), result)
 
+    async def describe(self) -> TreeReport | None:
+        """Return the processes and actors of the whole robot, and those of each part with roles such as
+        ``left/wire``."""
+        report = await super().describe()
+        if report is None:
+            return None
+
+        async def describe(part: TreeProcesses) -> TreeReport | None:
+            return await part.describe()
+
+        processes, actors = list(report.processes), list(report.actors)
+        for name, own in zip(self._parts, await self._each(describe), strict=True):
+            if own is not None:
+                processes += [
+                    msgspec.structs.replace(process, role=f"{name}/{process.role}")
+                    for process in own.processes
+                    if process.role != CALLER
+                ]
+                actors += own.actors
+        return msgspec.structs.replace(report, processes=tuple(processes), actors=tuple(actors))
+
     async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
         async def revive(part: TreeProcesses) -> Refused | None:
-            return await part.revive(lift, trio.sleep_forever)
+            refusal = await part.revive(lift, trio.sleep_forever)
+            if refusal is None:
+                # The wire process of a part that has suffered may still be starting again.
+                await part.wait_linked(RETRY_S)
+            return refusal
 
         refused = next((refusal for refusal in await self._each(revive) if refusal is not None), None)
         return refused or await super().revive(lift, background)
