@@ -51,13 +51,17 @@ WRITE_NS = 250_000_000
 """Longest time from the write of a setpoint without an end to its write by the part."""
 
 
+_leases: dict[str, Lease] = {}
+"""The lease of this process for each part, by the part's name among the robots that run. A connection that is opened
+again continues with it, since the part gives it to no other writer."""
+
+
 class _Part:
     """What this wire knows of one part.
 
     Attributes:
         config: The part.
         status: Its newest status.
-        lease: The right to command it.
         epoch: Its epoch after the last order of this wire. Another epoch means that it has stopped or held by itself.
         odd: Why it no longer follows the other parts, although it has not stopped: it refused a setpoint.
     """
@@ -65,9 +69,13 @@ class _Part:
     def __init__(self, config: PartConfig) -> None:
         self.config = config
         self.status: Status | None = None
-        self.lease: Lease | None = None
         self.epoch = 0
         self.odd = ""
+
+    @property
+    def lease(self) -> Lease | None:
+        """The right to command the part; None before the robot was armed."""
+        return _leases.get(self.config.robot)
 
     @property
     def state(self) -> float:
@@ -162,10 +170,15 @@ class PartsWire(Wire):
         """Ask a part for its state, again and again. If it has stopped by itself, stop the others at once."""
         while not self._down:
             await trio.sleep(LOOK_S)
+            answer: Message | None = None
             try:
                 answer = await self._links.ask(part.config, GetStatus(), ASK_S)
-            except (AskTimeout, Unreachable) as failure:
-                answer, self._down = None, f"{part.config.name}: {failure}"
+            except Unreachable as failure:
+                self._down = f"{part.config.name}: {failure}"
+            except AskTimeout:
+                # The computer may be busy. A part whose wire process is frozen is stopped by its own root process,
+                # which ends that process, so that the next question finds nothing.
+                pass
             if isinstance(answer, Status):
                 part.status = answer
                 if not answer.connected:
@@ -225,7 +238,7 @@ class PartsWire(Wire):
             await self._refresh(part)
         except (AskTimeout, Unreachable) as failure:
             return f"{config.name}: {failure}"
-        part.lease = lease
+        _leases[config.robot] = lease
         return ""
 
     async def _refresh(self, part: _Part) -> None:

@@ -82,5 +82,6 @@ def opened(directory: Path) -> Iterator[Cell]:
         parts = {part: {"port": twin.port} for part, twin in twins.items()}
         robot = Robot("bi_so101", mode="real", parts=parts, on_exit="limp", lifetime=2.0)
         stack.callback(robot.cleanup)
-        assert robot.connect_eagerly() is None
+        problem = robot.connect_eagerly()
+        assert problem is None, problem
         yield Cell(twins, robot)

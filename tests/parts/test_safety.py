@@ -22,7 +22,7 @@ def both_stop(cell: Cell, since_ns: int) -> None:
         until(lambda log=log: is_limp(log, since_ns), f"{part}: {log.story(since_ns)}")  # type: ignore[misc]
     until(lambda: ok(cell.robot.get_status())["state"] not in ("armed", "holding", "stopping"), "still armed")
     for log in cell.logs.values():
-        assert setpoints_after_limp(log, since_ns) == 0
+        assert setpoints_after_limp(log, since_ns) == 0, log.story(since_ns)
 
 
 @pytest.mark.parametrize(

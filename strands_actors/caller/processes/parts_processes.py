@@ -141,12 +141,18 @@ class PartsProcesses(TreeProcesses):
         return msgspec.structs.replace(report, processes=tuple(processes), actors=tuple(actors))
 
     async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
-        async def revive(part: TreeProcesses) -> Refused | None:
-            refusal = await part.revive(lift, trio.sleep_forever)
-            if refusal is None:
-                # The wire process of a part that has suffered may still be starting again.
-                await part.wait_linked(RETRY_S)
+        async def revive(part: TreeProcesses) -> Refused | str | None:
+            try:
+                refusal = await part.revive(lift, trio.sleep_forever)
+                if refusal is None:
+                    # The wire process of a part that has suffered may still be starting again.
+                    await part.wait_linked(RETRY_S)
+            except (NotConnected, OSError) as failure:
+                return f"{part.robot}: {failure}"
             return refusal
 
-        refused = next((refusal for refusal in await self._each(revive) if refusal is not None), None)
+        answers = await self._each(revive)
+        if problems := [answer for answer in answers if isinstance(answer, str)]:
+            raise NotConnected(". ".join(problems))
+        refused = next((answer for answer in answers if isinstance(answer, Refused)), None)
         return refused or await super().revive(lift, background)
