@@ -330,6 +330,9 @@ class Driver(ABC):
     """Checked before the gates, and at every tick while a target is in force. A broken one ends it. The
     conditions with ``always`` also end a hold."""
 
+    part_prefixes: Mapping[str, str] = {}
+    """Of a robot that is made of other robots: what stands before the axes of each part, by the part's name."""
+
     LEVELS: ClassVar[Mapping[str, str]] = {}
     """Other drivers for robots of this one that can be commanded in two ways: ``robot:level`` to
     ``module:class``. The option ``level`` selects one. The kill matrix uses the same name."""

@@ -67,7 +67,7 @@ class PartsDriver(Driver):
             row["name"]: build_driver(load(row["class"]), row["robot"], "", row["options"]) for row in rows
         }
         joined_by = options["joined_by"]
-        prefixes = {name: name + joined_by for name in self.drivers}
+        self.part_prefixes = prefixes = {name: name + joined_by for name in self.drivers}
         self.declare(
             *(
                 Part(

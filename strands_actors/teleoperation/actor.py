@@ -61,7 +61,7 @@ from strands_actors.supervisors.root.tasks import Tasks
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
 from .page_address import write_address
-from .sources import Arm, LeaderObject, Operator, Reading, Source, made_of
+from .sources import Arm, LeaderObject, Leaders, Operator, Reading, Source, made_of
 
 if TYPE_CHECKING:
     from strands_actors.caller.poses.tool_targets import ToolTargets
@@ -184,8 +184,13 @@ class Teleoperation(Actor):
     # -- reading
 
     def _source(self) -> Source:
-        settings, clock = self._source_settings, self.context.clock
+        return self._source_of(self._source_settings)
+
+    def _source_of(self, settings: Mapping[str, Any]) -> Source:
+        clock = self.context.clock
         match settings["type"]:
+            case "leaders":
+                return Leaders({prefix: self._source_of(own) for prefix, own in settings["parts"].items()})
             case "arm":
                 return Arm(settings["description"], clock)
             case "object":

@@ -138,6 +138,52 @@ def _plain(value: Any) -> Any:
     return value.item() if callable(getattr(value, "item", None)) else value
 
 
+class Leaders:
+    """Several leaders that are read together. ``leaders`` are their sources, by the prefix of their part's axes."""
+
+    READINGS = 1
+
+    def __init__(self, leaders: Mapping[str, Source]) -> None:
+        self._leaders = leaders
+
+    async def open(self) -> None:
+        for leader in self._leaders.values():
+            await leader.open()
+
+    async def read(self) -> Reading:
+        readings: dict[str, Reading] = {}
+
+        async def read(prefix: str, leader: Source) -> None:
+            readings[prefix] = await leader.read()
+
+        try:
+            async with trio.open_nursery() as nursery:
+                for prefix, leader in self._leaders.items():
+                    nursery.start_soon(read, prefix, leader)
+        except* WireDown as lost:
+            raise _first(lost) from None
+        oldest_ns = min(reading.t_ns for reading in readings.values())
+        if not oldest_ns:
+            return Reading(0, {})
+        return Reading(
+            oldest_ns,
+            {prefix + key: value for prefix, each in readings.items() for key, value in each.values.items()},
+        )
+
+    def close(self) -> None:
+        for leader in self._leaders.values():
+            leader.close()
+
+
+def _first(group: BaseExceptionGroup[WireDown]) -> WireDown:
+    """Return the first exception of a group, which may contain groups."""
+    failure: BaseException = group
+    while isinstance(failure, BaseExceptionGroup):
+        failure = failure.exceptions[0]
+    assert isinstance(failure, WireDown)
+    return failure
+
+
 class Operator:
     """The input of an operator at a keyboard or a web page: a speed for each axis, and a dead-man."""
 

@@ -24,6 +24,7 @@ from strands_actors.supervisors.root.messages import Operate
 
 from . import refusals
 from .actor import GRIPPER, KEY, first_status
+from .leaders import Leaders, prefixed
 from .machine import Kind
 from .teleoperator import Teleoperator, place_of_map
 
@@ -53,8 +54,12 @@ def attach(
     """
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
+        if isinstance(leader, Mapping):
+            leader = Leaders(leader)
         if not isinstance(leader, Teleoperator):
             raise ValueError(f"the leader is {leader!r}. Give a Teleoperator")
+        if isinstance(leader, Leaders):
+            leader.check(driver)
         chosen = _deadman(leader, deadman)
         _check(hz, "hz", 500.0)
         _check(max_speed, "max_speed", math.inf)
@@ -64,7 +69,7 @@ def attach(
             raise ValueError(f"{driver.robot}: {problem}")
         if not driver.table:
             raise ValueError(f"{driver.robot} has no axes that a leader could move")
-    except ValueError as failure:
+    except (ValueError, TypeError) as failure:
         return answers.error(f"teleoperate: {failure}")
     speed = {} if max_speed is None else {"max_speed": float(max_speed)}
 
@@ -75,6 +80,8 @@ def attach(
             source = await leader.source()
         except TwinProcessDown as down:
             return answers.error(f"teleoperate: {down}")
+        if isinstance(leader, Leaders):
+            source = prefixed(source, driver)
         options = {
             "source": source,
             "axes": msgspec.to_builtins(driver.table),

@@ -34,8 +34,8 @@ class Cell:
         return next(int(each["pid"]) for each in processes if each["role"] == role)
 
     def move(self) -> None:
-        """Arm the robot, and give both arms a target that has no end."""
-        assert ok(self.robot.resume())
+        """Arm the robot, and give both arms a target that has no end. A part that was broken may still start."""
+        until(lambda: self.robot.resume()["status"] == "success", "the robot is not armed")
         assert ok(self.robot.send_action({"left_shoulder_pan": 3.0, "right_shoulder_pan": -3.0}))
 
     def kill(self, *roles: str, how: signal.Signals = signal.SIGKILL) -> int:

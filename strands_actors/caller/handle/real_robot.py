@@ -812,7 +812,7 @@ class RealRobot(RobotTool):
 
     def attach_teleop(
         self,
-        leader: Teleoperator | str,
+        leader: Teleoperator | str | Mapping[str, Teleoperator],
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
@@ -826,7 +826,8 @@ class RealRobot(RobotTool):
         the state of the teleoperation under ``teleop``.
 
         Args:
-            leader: A ``Teleoperator``, or its name, such as ``"so101_leader"``.
+            leader: A ``Teleoperator``, or its name, such as ``"so101_leader"``. For a robot of parts, the
+                ``Teleoperator`` of each part by the part's name.
             hz: Setpoints per second, above 0 and at most 500.
             map_fn: Converts the leader's positions (by joint) to the robot's. It must be a function of
                 a module, since another process imports it.
@@ -859,7 +860,7 @@ class RealRobot(RobotTool):
 
     def teleoperate(
         self,
-        leader: Teleoperator | str | None = None,
+        leader: Teleoperator | str | Mapping[str, Teleoperator] | None = None,
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
@@ -873,7 +874,7 @@ class RealRobot(RobotTool):
         Ctrl-C ends the teleoperation, and the robot holds its position.
 
         Args:
-            leader: A ``Teleoperator``, or its name. None: the leader that was attached before continues
+            leader: As in ``attach_teleop``. None: the leader that was attached before continues
                 with its settings. ``hz``, ``map_fn``, ``deadman``, ``max_speed`` and ``options`` are then
                 refused.
             hz: As in ``attach_teleop``.
