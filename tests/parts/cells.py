@@ -35,7 +35,9 @@ class Cell:
 
     def move(self) -> None:
         """Arm the robot, and give both arms a target that has no end. A part that was broken may still start."""
-        until(lambda: self.robot.resume()["status"] == "success", "the robot is not armed")
+        deadline_s = time.monotonic() + PATIENCE_S
+        while (answer := self.robot.resume())["status"] != "success":
+            assert time.monotonic() < deadline_s, answer
         assert ok(self.robot.send_action({"left_shoulder_pan": 3.0, "right_shoulder_pan": -3.0}))
 
     def kill(self, *roles: str, how: signal.Signals = signal.SIGKILL) -> int:
@@ -66,9 +68,10 @@ def is_limp(log: WireLog, since_ns: int) -> bool:
 
 
 def setpoints_after_limp(log: WireLog, since_ns: int) -> int:
-    """Return how many setpoints were sent after the first limp frame since a time."""
-    limp_ns = next(entry.t_ns for entry in log.host("safe", since_ns) if entry.safe_state == "limp")
-    return len(log.host("setpoint", limp_ns))
+    """Return how many setpoints were sent after the first limp frame since a time. The order in the log decides."""
+    sent = [entry for entry in log.entries(since_ns) if entry.sender == "host"]
+    first = next(i for i, entry in enumerate(sent) if entry.kind == "safe" and entry.safe_state == "limp")
+    return sum(entry.kind == "setpoint" for entry in sent[first:])
 
 
 @contextlib.contextmanager
