@@ -15,13 +15,14 @@ from typing import Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.contract import refusals as texts
-from strands_actors.contract.axis import AxisMode, Part
+from strands_actors.contract.axis import AxisMode, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
-from strands_actors.contract.loading import load
+from strands_actors.contract.loading import load, place_of
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers import get_native_driver_class
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.loading import build_driver
 
@@ -32,6 +33,8 @@ from .tables import TABLES
 SETTLE_S = 1.0
 """How much longer a stop of all parts may take than that of the slowest part: its gate may not answer, so that its
 root process stops it."""
+SILENT_S = 1.0
+"""How long the wire process may be silent while it connects to the parts and arms them. Each part protects itself."""
 READY_S = 5.0
 """How long the standby of a part may take until it is ready, on a busy computer."""
 
@@ -60,8 +63,25 @@ class PartsDriver(Driver):
     def is_lowered(cls, robot: str) -> bool:
         return robot in TABLES
 
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the options of a robot of this package, with the usual options of each part. ``Robot`` does not
+        call it, since each part has its own keywords there (``caller/resolve/parts.py``)."""
+        table = TABLES[robot]
+        drivers = {
+            name: (own["robot"], get_native_driver_class(own["robot"])) for name, own in table["parts"].items()
+        }
+        rows = [
+            {"name": name, "class": place_of(driver), "robot": part, "options": driver.resolve(part, {})}
+            for name, (part, driver) in drivers.items()
+            if driver is not None
+        ]
+        return {"parts": rows, "joined_by": table["joined_by"]}
+
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.robot = robot
+        if "joined_by" not in options:
+            options = self.resolve(robot, options)
         rows = options["parts"]
         self.drivers = {
             row["name"]: build_driver(load(row["class"]), row["robot"], "", row["options"]) for row in rows
@@ -76,7 +96,7 @@ class PartsDriver(Driver):
                     name,
                 )
                 for name, driver in self.drivers.items()
-                for part in driver.parts
+                for part in driver.parts or (Part(PartKind.ARM, driver.table),)
             )
         )
         self._find = {
@@ -227,6 +247,7 @@ def _timing(timings: list[Timing]) -> Timing:
         oneshot_ttl_s=min(oneshots) if oneshots else None,
         state_ttl_s=max(timing.state_ttl_s for timing in timings),
         arm_s=max(timing.arm_s for timing in timings) + SETTLE_S,
+        silent_s=SILENT_S,
         open_s=max(timing.open_s for timing in timings) + READY_S,
         safe_s=max(timing.safe_s for timing in timings) + SETTLE_S,
         late_s=max(timing.late_s for timing in timings),

@@ -12,7 +12,6 @@ import trio
 
 from strands_actors.caller.processes.leftovers import PAGE
 from strands_actors.caller.processes.nodes import open_node
-from strands_actors.caller.processes.run_directory import is_running
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.actor import Actor
@@ -93,8 +92,8 @@ class Links:
     async def stop(self, part: PartConfig, reason: Reason, by: str, lock: bool = False) -> tuple[MotorReport, ...]:
         """Bring one part to its safe state for a reason, and return a report on each of its motors. Never raises.
 
-        The gate of the part is asked first. If it does not answer, the part's root process kills the wire process
-        and stops the part by its own stop channel.
+        The gate of the part is asked first. If it does not answer and a motor may be energised, the part's root
+        process kills the wire process, and stops the part by its own stop channel.
         """
         deadlines = StopDeadlines.of(part.timing.safe_s, part.late_s)
         answer: Message | None = None
@@ -102,6 +101,9 @@ class Links:
             answer = await self.ask(part, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable) as failure:
             problem = str(failure)
+        if not isinstance(answer, StopReport) and not lock and self._is_at_rest(part):
+            # A wire process that starts again answers late. A fence would end it before it answers.
+            return part.reports(written=True, safe=True)
         if not isinstance(answer, StopReport):
             fence = Fence(Reason.STOP if reason in HOLDING_REASONS else reason, by, lock)
             try:
@@ -109,9 +111,8 @@ class Links:
             except (AskTimeout, Unreachable) as failure:
                 problem = str(failure)
         if not isinstance(answer, StopReport):
-            if self._has_ended_safely(part):
-                return part.reports(written=True, safe=True)
-            return part.reports(written=False, safe=False, detail=f"{part.name}: {problem}")
+            safe = self._is_at_rest(part)
+            return part.reports(written=safe, safe=safe, detail="" if safe else f"{part.name}: {problem}")
         if not answer.motors:
             return part.reports(written=True, safe=answer.confirmed)
         rows = {motor.axis: motor for motor in answer.motors}
@@ -120,13 +121,12 @@ class Links:
             for axis, motor in zip(part.axes, (rows[key] for key in part.keys), strict=True)
         )
 
-    def _has_ended_safely(self, part: PartConfig) -> bool:
-        """Return True if the root process of a part has ended, and every motor had confirmed its safe state.
+    def _is_at_rest(self, part: PartConfig) -> bool:
+        """Return True if no motor of a part may be energised, also after the processes of the part have ended.
 
-        The processes of the part note on its page of shared memory whether a motor may be energised.
+        The processes of the part note this on its page of shared memory. They note it before a motor is energised,
+        and clear the note when every motor has confirmed a stop.
         """
-        if is_running(part.robot):
-            return False
         try:
             file = os.open(Path(self._config.directory) / f"{part.robot}{PAGE}", os.O_RDWR | os.O_CLOEXEC)
         except OSError:

@@ -52,7 +52,7 @@ def parts_plan(arguments: RobotArguments, driver_class: type[Driver], plan_of: C
         except (ValueError, TypeError) as failure:
             text = str(failure).removeprefix("Robot: ")
             raise type(failure)(f"Robot: part {part} of {name}: {text}") from None
-        if not issubclass(made.driver_class, Driver) or not made.driver_class(made.robot, "", made.options).parts:
+        if not issubclass(made.driver_class, Driver) or not made.driver_class(made.robot, "", made.options).table:
             raise ValueError(
                 f"Robot: part {part} of {name}: {robot} cannot be a part. Give a robot with a driver here"
             )
