@@ -89,10 +89,11 @@ WIRES = {
 """Name of a wire protocol to the location of its driver class. Each class supports one or several robots."""
 
 PARTS = "strands_actors.parts.driver:PartsDriver"
-"""Location of the class that drives a robot that is made of other robots."""
+"""Location of the class that drives a robot that is made of other robots (``parts=``). Such a robot may have any
+name."""
 
-OWN_TABLES = {"table": WIRES["can_motors"], "parts": PARTS}
-"""Keyword that describes a user's own robot, to the location of its driver class. Such a robot may have any name."""
+OWN_TABLES = {"table": "can_motors"}
+"""Keyword with the table of a user's own robot, to the wire that reads it. Such a robot may have any name."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
@@ -176,7 +177,7 @@ def _load() -> None:
     # they get the location of their driver class.
     from importlib.metadata import entry_points
 
-    locations = {**WIRES, "parts": PARTS}
+    locations = dict(WIRES)
     for point in entry_points(group="strands_actors.drivers"):
         locations.setdefault(point.name, point.value)
     for wire, location in locations.items():
@@ -320,10 +321,10 @@ def register_own_table(name: str, keywords: Mapping[str, Any]) -> None:
         name: Name of the robot. A known name keeps its driver.
         keywords: The keywords of ``Robot``.
     """
-    place = next((place for keyword, place in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
-    if place is not None and name not in list_driver_coverage():
+    wire = next((wire for keyword, wire in OWN_TABLES.items() if keywords.get(keyword) is not None), None)
+    if wire is not None and name not in list_driver_coverage():
         register_robot(name, hardware={"driver": NATIVE_DRIVER})
-        register_native_driver(name, load(place))
+        register_native_driver(name, load(WIRES[wire]))
 
 
 def canonical_name(name: str) -> str:

@@ -16,6 +16,7 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.shown import closest, shown
 from strands_actors.drivers import (
     MODEL,
+    PARTS,
     ROS2,
     ROS2_DRIVER,
     canonical_name,
@@ -29,6 +30,7 @@ from strands_actors.drivers import (
     resolve_driver,
 )
 from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
+from strands_actors.parts.tables import TABLES
 from strands_actors.supervisors.gate.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig
@@ -131,7 +133,10 @@ def read(
         )
     check_backend(backend)
     register_own_table(robot, options)
-    driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
+    if driver == "auto" and _is_of_parts(robot, chosen_mode, transport, options):
+        driver_class = load(PARTS)
+    else:
+        driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
     tool_name = _id(robot, {"id": id, "tool_name": tool_name, "peer_id": peer_id})
     _check_keywords(driver_class, options)
     options, spelled = _spelled(driver_class, options)
@@ -199,6 +204,14 @@ def _id(robot: str, spellings: Mapping[str, Any]) -> str:
     if not isinstance(chosen, str) or not is_tool_name(chosen):
         raise ValueError(f"Robot: {keyword} is {chosen!r}. Use {TOOL_NAMES}")
     return chosen
+
+
+def _is_of_parts(robot: str, mode: str, transport: str | None, options: Mapping[str, Any]) -> bool:
+    """Return True if the robot is made of other robots here. LeRobot has a class for some of them, too, which the
+    keywords of LeRobot select."""
+    if options.get("parts") is not None:
+        return robot in TABLES or robot not in list_driver_coverage()
+    return robot in TABLES and (mode != "real" or transport is not None)
 
 
 def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
