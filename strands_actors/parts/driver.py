@@ -139,11 +139,6 @@ class PartsDriver(Driver):
                 *(conditions_of(part, driver) for part, driver in pairs),
             )
         )
-        vars(self)["SENSORS"] = tuple(
-            msgspec.structs.replace(sensor, name=part.prefix + sensor.name)
-            for part, driver in pairs
-            for sensor in driver.SENSORS
-        )
         vars(self)["ROLLOUTS"] = next((driver.ROLLOUTS for driver in drivers if driver.ROLLOUTS), "")
         vars(self)["TASKS"] = next((driver.TASKS for driver in drivers if driver.TASKS), "")
 
