@@ -122,8 +122,8 @@ class Wire(ABC):
     could not be lowered to the end is limp. The transport clears it before a stop, and reports it."""
 
     expires_ns: int = 0
-    """When the motion of the setpoint has to end; 0 if it ends with its writer's lease. The transport sets it before
-    each write."""
+    """When the motion of the setpoint has to end; 0 if it ends with its writer's lease. The transport sets it
+    before each write."""
 
     streamed: bool = False
     """True if the setpoint is part of a stream. The transport sets it before each write."""

@@ -11,8 +11,10 @@ from strands_actors.contract.driver import ORDERED, Reason, Timing
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
 
+WRITE_S = 0.3
+"""Longest wait for the answers of all parts to a setpoint."""
 HELD, STOPPED = 1.0, 2.0
-"""Values of the sensor ``PART_STATE``: the part holds, or was stopped, without an order of the robot. 0 is neither."""
+"""Values of the sensor ``PART_STATE``: the part holds, or was stopped, without an order. 0: neither."""
 PART_STATE = "part_state"
 
 

@@ -1,8 +1,8 @@
 """Describe a robot that is made of other robots (its parts), as data and pure functions.
 
-Axes, gates and conditions are those of the parts' own drivers, under names that begin with the name of the part. For
-each reason, the robot's safe state is the most severe one of its parts; each part goes to the state that its own
-table declares.
+Axes, gates and conditions are those of the parts' own drivers, under names that begin with the name of the part.
+For each reason, the robot's safe state is the most severe one of its parts. Each part goes to the state that its
+own table declares.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from strands_actors.drivers import get_native_driver_class
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.loading import build_driver
 
-from .config import PartConfig, PartsConfig
+from .config import WRITE_S, PartConfig, PartsConfig
 from .gates import conditions_of, gate_of, part_of, state_of, together
 from .tables import TABLES
 
@@ -34,7 +34,9 @@ SETTLE_S = 1.0
 """How much longer a stop of all parts may take than that of the slowest part: its gate may not answer, so that its
 root process stops it."""
 SILENT_S = 1.0
-"""How long the wire process may be silent while it connects to the parts and arms them. Each part protects itself."""
+"""How long the wire process may be silent while it connects to the parts and arms them. Each part protects
+itself."""
+CALL_ROOM_S = 0.2
 READY_S = 5.0
 """How long the standby of a part may take until it is ready, on a busy computer."""
 
@@ -42,8 +44,8 @@ READY_S = 5.0
 class PartsDriver(Driver):
     """The driver of a robot of parts. ``port`` is the run directory and the name of the running robot.
 
-    ``options``: ``parts``, a list with the ``name``, ``class``, ``robot`` and ``options`` of each part's driver, and
-    ``joined_by``, which stands between the name of a part and that of an axis.
+    ``options``: ``parts``, a list with the ``name``, ``class``, ``robot`` and ``options`` of each part's driver.
+    ``joined_by`` stands between the name of a part and that of an axis.
     """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES)
@@ -53,7 +55,7 @@ class PartsDriver(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.parts.stop_channel:PartsStopChannel"
     OPTIONS: ClassVar[Mapping[str, str]] = {
         "parts": "each part by name: its robot, port and other keywords of Robot",
-        "on_exit": "what the end does with each part that is an arm which can be lowered; default that of the part",
+        "on_exit": "what the end does with each part that can be lowered; default that of the part",
     }
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, SENSORS, MOVE_TO, STOP)
 
@@ -243,6 +245,7 @@ def _timing(timings: list[Timing]) -> Timing:
         state_ttl_s=max(timing.state_ttl_s for timing in timings),
         arm_s=max(timing.arm_s for timing in timings) + SETTLE_S,
         silent_s=SILENT_S,
+        call_s=WRITE_S + CALL_ROOM_S,
         open_s=max(timing.open_s for timing in timings) + READY_S,
         safe_s=max(timing.safe_s for timing in timings) + SETTLE_S,
         late_s=max(timing.late_s for timing in timings),

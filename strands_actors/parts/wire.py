@@ -1,8 +1,8 @@
 """Command the parts of a robot through their gates.
 
-This wire reaches no hardware. It is the only writer of each part, and holds the lease of each. What it sends is
-checked twice: by the gate of the robot, with the checks of all parts, before anything is sent; and by the gate of
-each part, as from any writer.
+This wire reaches no hardware. It is the only writer of each part, and holds the lease of each. A setpoint is
+checked twice. The gate of the robot runs the checks of all parts before anything is sent. The gate of each part
+checks it again, as that of any writer.
 
 A part whose epoch has changed without an order of this wire has stopped or held by itself. The other parts are then
 stopped, or hold, at once. If this process ends or freezes, each part sees that its writer is lost, and goes to the
@@ -39,21 +39,21 @@ from strands_actors.supervisors.gate.messages import (
 from strands_actors.supervisors.root.messages import AttachProgram, Hosted
 from strands_actors.supervisors.root.process import Root
 
-from .config import HELD, PART_STATE, STOPPED, PartConfig, PartsConfig, ordered
+from .config import HELD, PART_STATE, STOPPED, WRITE_S, PartConfig, PartsConfig, ordered
 from .links import Links
 
 LOOK_S = 0.02
 """Period at which each part is asked for its state."""
 ASK_S = 0.5
-"""Longest wait for an answer of a part that is no stop. A part whose wire process has ended is noticed at once."""
+"""Longest wait for an answer of a part, except to a stop. The end of its wire process is noticed at once."""
 BEAT_S = 0.04
 WRITE_NS = 250_000_000
 """Longest time from the write of a setpoint without an end to its write by the part."""
 
 
 _leases: dict[str, Lease] = {}
-"""The lease of this process for each part, by the part's name among the robots that run. A connection that is opened
-again continues with it, since the part gives it to no other writer."""
+"""The lease of this process for each part, by the part's name among the robots that run. A connection that is
+opened again continues with it, since the part gives it to no other writer."""
 
 
 class _Part:
@@ -62,8 +62,9 @@ class _Part:
     Attributes:
         config: The part.
         status: Its newest status.
-        epoch: Its epoch after the last order of this wire. Another epoch means that it has stopped or held by itself.
-        odd: Why it no longer follows the other parts, although it has not stopped: it refused a setpoint.
+        epoch: Its epoch after the last order of this wire. Another epoch means that it has stopped or held by
+            itself.
+        odd: Why it no longer follows the other parts, although it has not stopped. It has refused a setpoint.
     """
 
     def __init__(self, config: PartConfig) -> None:
@@ -270,7 +271,7 @@ class PartsWire(Wire):
             latched = not self.expires_ns
             setpoint = Setpoint(known.lease.id, known.epoch, deadline_ns, action, period_s, latched)
             try:
-                answer = await self._links.ask(part, setpoint, ASK_S)
+                answer = await self._links.ask(part, setpoint, WRITE_S)
             except (AskTimeout, Unreachable) as failure:
                 return str(failure)
             return "" if isinstance(answer, Accepted) else _text(answer)

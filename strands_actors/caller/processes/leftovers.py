@@ -23,7 +23,7 @@ SOCKET_LOCK = ".sock.lock"
 NAME_LOCK = ".lock"
 PORT_LOCK = ".port"
 PAGE = ".page"
-"""Suffix of the file with the shared page of a part (``parts``), on which its processes note what may be energised."""
+"""Suffix of the file with the shared page of a part (``parts``). Its processes note there what may be energised."""
 CALLER = "caller-"
 
 

@@ -28,7 +28,7 @@ from .tree_processes import TreeProcesses
 T = TypeVar("T")
 
 RETRY_S = 3.0
-"""Longest pause of the wire process of a part between two attempts to open the wire, and the time of one attempt."""
+"""Longest pause of a part's wire process between two attempts to open the wire, and the time of one attempt."""
 CALLER = "caller"
 """The role of this program. It is the caller of the whole robot and of each part, and is shown once."""
 
@@ -46,8 +46,11 @@ class PartsProcesses(TreeProcesses):
         self._parts: dict[str, TreeProcesses] = {}
 
     async def _start_hardware(self) -> str:
-        """Start the processes of the parts that do not run, and wait until each is connected to its hardware. Return
-        the place of their sockets, which is the port of the whole robot: the run directory, and the robot's name."""
+        """Start the processes of the parts that do not run, and wait until each is connected to its hardware.
+
+        Return the place of their sockets, which is the port of the whole robot: the run directory, and the robot's
+        name.
+        """
         for name, plan in self.plan.parts.items():
             if name not in self._parts:
                 own = replace(plan, tool_name=f"{self.robot}_{name}", is_part=True)

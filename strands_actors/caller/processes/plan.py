@@ -62,8 +62,8 @@ class Plan:
 
     @property
     def is_simulated(self) -> bool:
-        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started. Of a
-        robot of parts, all parts are then simulated."""
+        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started. All
+        parts of a robot of parts are then simulated."""
         if self.parts:
             return all(part.is_simulated for part in self.parts.values())
         return self.twin_process is not None or (self.attached and self.transport is not None)

@@ -1,4 +1,4 @@
-"""Turn the arguments of a robot that is made of parts into a plan: one plan for each part, and one for the whole."""
+"""Turn the arguments of a robot that is made of parts into a plan for each part, and one for the whole."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def _refuse_keywords(arguments: RobotArguments) -> None:
     given |= dict.fromkeys(arguments.scene.simulation_keywords(), True)
     if ignored := [f"{key}=" for key, value in given.items() if value is not None]:
         raise TypeError(
-            f"Robot: {arguments.name} is made of parts, and takes no {', '.join(ignored)} itself. Give it to a part: "
-            "parts={'left': {'port': ...}}"
+            f"Robot: {arguments.name} is made of parts, and takes no {', '.join(ignored)} itself. Give it to a "
+            "part: parts={'left': {'port': ...}}"
         )
 
 
