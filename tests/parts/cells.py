@@ -56,10 +56,11 @@ def ok(answer: dict[str, Any]) -> dict[str, Any]:
     return json or {"": ""}
 
 
-def until(condition: Callable[[], object], what: str) -> None:
+def until(condition: Callable[[], object], what: str, seen: Callable[[], object] = lambda: "") -> None:
+    """Wait for a condition. After ``PATIENCE_S`` fail with ``what`` and with the result of ``seen``."""
     deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < deadline_s, what
+        assert time.monotonic() < deadline_s, f"{what}: {seen()}"
         time.sleep(0.01)
 
 

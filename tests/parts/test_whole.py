@@ -78,18 +78,30 @@ def _rollout_and_dataset(cell: Cell, root: Path) -> None:
 
 
 def _leaders(cell: Cell) -> None:
-    leaders = {part: Teleoperator("so101_leader", transport="twin") for part in ("left", "right")}
+    """Each leader leads its arm by the changes of its joints."""
+    robot = cell.robot
+    leaders = {part: Teleoperator("so101_leader", transport="twin", relative=True) for part in ("left", "right")}
     with contextlib.ExitStack() as stack:
         for leader in leaders.values():
             stack.enter_context(leader)
-        ok(cell.robot.attach_teleop(leaders, deadman="key"))
-        leaders["left"].move_by_hand({"shoulder_pan": 8.0})
-        leaders["right"].move_by_hand({"shoulder_pan": -8.0})
+            leader.move_by_hand({"shoulder_pan": 0.0})
+        ok(robot.attach_teleop(leaders, deadman="key"))
+        moved_by: dict[str, float] = {}
 
-        def arrived() -> bool:
-            cell.robot.operate(True)
-            seen = cell.robot.get_observation()
-            return seen["left_shoulder_pan"] > 5.0 and seen["right_shoulder_pan"] < -5.0
+        def state() -> Any:
+            robot.operate(True)
+            return ok(robot.get_task_status())["teleop"]
 
-        until(arrived, f"the arms do not follow: {cell.robot.get_task_status()}")
-        ok(cell.robot.stop_task())
+        until(lambda: state()["state"] == "engaged", "the leaders do not lead", state)
+        before = robot.get_observation()
+        for part, angle in (("left", 8.0), ("right", -8.0)):
+            leaders[part].move_by_hand({"shoulder_pan": angle})
+
+        def has_followed() -> bool:
+            state()
+            now = robot.get_observation()
+            moved_by.update({key: now[key] - before[key] for key in now.keys() & before.keys()})
+            return moved_by["left_shoulder_pan"] > 4.0 and moved_by["right_shoulder_pan"] < -4.0
+
+        until(has_followed, "the arms do not follow", lambda: (moved_by, state()))
+        ok(robot.stop_task())

@@ -62,7 +62,7 @@ class Plan:
 
     @property
     def is_simulated(self) -> bool:
-        """True for a simulation, or a simulated robot (twin), that this program or the robot's host has started. All
+        """True for a simulation, or a simulated robot (twin), that this program or the robot's host started. All
         parts of a robot of parts are then simulated."""
         if self.parts:
             return all(part.is_simulated for part in self.parts.values())
