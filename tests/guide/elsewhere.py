@@ -43,6 +43,14 @@ PAGES: Mapping[str, Blocks] = {
     "docs/mesh.md": Blocks(How.ON_TWINS, {1: "needs the keys of a mesh, and stops every robot of it"}),
     "docs/motion.md": Blocks(How.ON_TWINS),
     "docs/own-drivers.md": Blocks(How.AS_SCRIPT),
+    "docs/parts.md": Blocks(
+        How.ON_TWINS,
+        {
+            1: "needs two ports; tests/parts/test_whole.py does it on two simulated arms",
+            2: "needs the ports of an arm and a hand",
+            3: "needs four ports; tests/parts/test_whole.py does it on simulated arms and leaders",
+        },
+    ),
     "docs/policies.md": Blocks(How.AS_WRITTEN),
     "docs/python.md": Blocks(How.AS_WRITTEN, {4: "a part of a trio program, which does not end"}),
     "docs/recording.md": Blocks(How.AS_WRITTEN, {1: "needs the recording that the command above it makes"}),
