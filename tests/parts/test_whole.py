@@ -89,8 +89,10 @@ def _leaders(cell: Cell) -> None:
         moved_by: dict[str, float] = {}
 
         def state() -> Any:
-            robot.operate(True)
-            return ok(robot.get_task_status())["teleop"]
+            """Hold the dead-man. Press it anew if a busy machine has interrupted the leading."""
+            status = ok(robot.get_task_status())["teleop"]
+            robot.operate(status["state"] != "idle" or not status["held"])
+            return status
 
         until(lambda: state()["state"] == "engaged", "the leaders do not lead", state)
         before = robot.get_observation()
