@@ -13,22 +13,25 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
+make: Any = Robot
+"""``Robot``, whose signatures do not list the keywords of parts."""
+
 ARMS = {"left": {"robot": "so101", "port": "/dev/l"}, "right": {"robot": "so101", "port": "/dev/r"}}
 
 
 def test_keys_of_two_arms_are_those_of_lerobot_and_others_have_a_dot() -> None:
-    assert Robot("bi_so101", transport="twin", mode="real").driver.axes[0] == "left_shoulder_pan"
-    assert Robot("cell", mode="real", parts=ARMS).driver.axes[6] == "right.shoulder_pan"
+    assert make("bi_so101", transport="twin", mode="real").driver.axes[0] == "left_shoulder_pan"
+    assert make("cell", mode="real", parts=ARMS).driver.axes[6] == "right.shoulder_pan"
 
 
 def test_the_most_severe_safe_state_of_the_parts_is_that_of_the_robot() -> None:
     parts = {"base": {"robot": "earthrover"}, "arm": {"robot": "so101", "on_exit": "limp"}}
-    driver = Robot("cell", mode="real", transport="twin", parts=parts).driver
+    driver = make("cell", mode="real", transport="twin", parts=parts).driver
     assert (driver.fallbacks[Reason.LEASE], driver.fallbacks[Reason.STOP]) == (SafeState.ZERO, SafeState.LIMP)
 
 
 def test_an_action_is_checked_by_every_part() -> None:
-    driver = Robot("cell", mode="real", parts=ARMS).driver
+    driver = make("cell", mode="real", parts=ARMS).driver
     rows = (0.0,) * 12
     state = GateState(1, Observation(1, rows, (1,) * 12), rows, 1, stream=False)
     parsed = driver.parse({"left.shoulder_pan": 1.0, "right_elbow_flex.pos": 2.0}, state)
@@ -51,4 +54,4 @@ def test_an_action_is_checked_by_every_part() -> None:
 )
 def test_wrong_arguments_are_refused(keywords: dict[str, Any], error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
-        Robot("cell", mode="real", **keywords)
+        make("cell", mode="real", **keywords)
