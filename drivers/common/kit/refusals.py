@@ -142,3 +142,10 @@ def motor_fault(code: MotorCode, key: str, faults: Sequence[str]) -> Refused:
     else:
         state = f"reports {others}"
     return Refused(code, f"{key} {state}", code.remedy, ", ".join(faults), "no fault")
+
+
+# -- the hand of an arm (``hand``)
+
+
+def hand_not_named(given: str, axis: str) -> Refused:
+    return Refused(Code.EMPTY, f"{given} is given without {axis}", f"name {axis} in the same action", given, axis)
