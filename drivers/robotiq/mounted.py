@@ -109,10 +109,13 @@ class PhysicalFingers:
     def position(self) -> float:
         return float(self._physics.data.joint(MOTOR).qpos[0]) / CLOSED_RAD * TOP
 
+    @property
+    def is_still(self) -> bool:
+        return abs(float(self._physics.data.joint(MOTOR).qvel[0])) < STILL_RAD_S
+
     def is_blocked(self, goal: float) -> bool:
         """Return True if something keeps the fingers from closing further, with the motor at ``goal``."""
-        is_still = abs(float(self._physics.data.joint(MOTOR).qvel[0])) < STILL_RAD_S
-        return is_still and goal - self.position > BLOCKED_COUNTS
+        return self.is_still and goal - self.position > BLOCKED_COUNTS
 
     def follow(self, goal: float) -> None:
         self._physics.data.actuator(MOTOR).ctrl[0] = goal / TOP * CLOSED_RAD
