@@ -60,7 +60,12 @@ class URSession:
     """One connection to a controller: its samples, and a ``Control`` object that sends the commands."""
 
     def __init__(
-        self, control: Control, samples: plain.Samples, config: URConfig, clock: Clock, gripper: Hand | None
+        self,
+        control: Control,
+        samples: plain.Samples,
+        config: URConfig,
+        clock: Clock,
+        gripper: Hand | None = None,
     ) -> None:
         self.control = control
         self.samples = samples
