@@ -90,31 +90,31 @@ class UrcapGripper:
         while self._pending:
             if not self._order:
                 raise self._not_understood("no line")
-            wanted = self._exchange.request(self._order[0]) or ""
-            pattern = rb"(ack)" if wanted == ACKNOWLEDGED else rb"%s (\d{1,3})" % wanted.encode()
-            found = re.match(pattern, self._pending)
-            if found is None:
-                if len(self._pending) < LONGEST and f"{wanted} ".encode().startswith(self._pending):
+            expected = self._exchange.request(self._order[0]) or ""
+            pattern = rb"(ack)" if expected == ACKNOWLEDGED else rb"%s (\d{1,3})" % expected.encode()
+            matched = re.match(pattern, self._pending)
+            if matched is None:
+                if len(self._pending) < LONGEST and f"{expected} ".encode().startswith(self._pending):
                     return
-                raise self._not_understood(wanted)
-            self._pending = self._pending[found.end() :].lstrip(_BETWEEN)
-            self._take(wanted, 0 if wanted == ACKNOWLEDGED else int(found[1]))
+                raise self._not_understood(expected)
+            self._pending = self._pending[matched.end() :].lstrip(_BETWEEN)
+            self._take(expected, 0 if expected == ACKNOWLEDGED else int(matched[1]))
 
-    def _take(self, wanted: str, value: int) -> None:
+    def _take(self, expected: str, value: int) -> None:
         sent = self._exchange.take(self._order.popleft(), value)
-        if wanted == ACKNOWLEDGED or sent is None:
+        if expected == ACKNOWLEDGED or sent is None:
             return
-        if wanted == "POS":
+        if expected == "POS":
             before_s = (sent.sent_ns - self._position_ns) / NS
             if self._position_ns and before_s > 0:
                 self._speed = (percent_of(value) - percent_of(self._fields["POS"])) / before_s
             self._position_ns = sent.sent_ns
-        self._fields[wanted] = value
+        self._fields[expected] = value
 
-    def _not_understood(self, wanted: str) -> WireDown:
+    def _not_understood(self, expected: str) -> WireDown:
         shown = self._pending[:LONGEST].decode("ascii", "replace")
         return WireDown(
-            f"{self._stream.name}: the gripper's port sent {shown!r} for {wanted}. Check that Robotiq's URCap is "
+            f"{self._stream.name}: the gripper's port sent {shown!r} for {expected}. Check that Robotiq's URCap is "
             "installed, and that it has a gripper"
         )
 

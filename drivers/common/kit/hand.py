@@ -100,8 +100,8 @@ class HandKeys:
     Args:
         robot: The robot's name in refusals.
         axes: The axes of the arm, and then that of the hand.
-        speed: Speed of an action that names none, 0 to 100 percent.
-        force: Force of an action that names none, 0 to 100 percent.
+        speed: Speed of an action without the key, 0 to 100 percent.
+        force: Force of an action without the key, 0 to 100 percent.
     """
 
     def __init__(self, robot: str, axes: Sequence[Axis], speed: float = FULL, force: float = FULL) -> None:
