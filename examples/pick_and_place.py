@@ -24,35 +24,25 @@ DOWN = {"so101": {"rpy": [0, 90, 0]}, "ur5e": {"rpy": [180, 0, 90]}}
 """The orientation with which each tool points down."""
 CUBES = {"so101": ([0.22, -0.05, 0.015], 0.03, 0.03), "ur5e": ([-0.49, -0.13, 0.025], 0.05, 0.2)}
 """The cube in the reach of each arm: position and edge in m, mass in kg."""
-GRIPPERS = {"so101": ("so101", 40.0, 0.0), "ur5e": ("robotiq_2f85", 0.0, 1.0)}
-"""The robot that has the gripper of each arm, and the positions of the open and of the closed gripper."""
+# The driver of a UR asks the operator before an agent moves it. A simulated one needs no approval.
+ARMS = {"so101": {}, "ur5e": {"gripper": "robotiq_2f85", "guarded": ()}}
+OPENED = {"so101": 40.0, "ur5e": 100.0}
+"""How far each gripper opens, in percent."""
+CLOSED = 0.0
 
 
 @contextlib.contextmanager
 def robots(name):
-    """Give the robots that an agent needs: the arm, and its gripper if that is a robot of its own."""
-    with contextlib.ExitStack() as cleanup:
-        if name == "so101":
-            arm = cleanup.enter_context(Robot("so101", lifetime=LIFETIME_S))
-            tools = [arm]
-        else:
-            # The driver of a UR asks the operator before an agent moves it. A simulated one needs no approval.
-            arm = cleanup.enter_context(Robot("ur5e", gripper="robotiq_2f85", guarded=(), lifetime=LIFETIME_S))
-            arm.connect_eagerly()
-            # The simulated arm has its gripper at its own address, as a real one may.
-            address = arm.twin_process.port.partition(":")[0]
-            hand = cleanup.enter_context(Robot("robotiq_2f85", mode="real", port=address))
-            hand.connect_eagerly()
-            tools = [arm, hand]
+    """Give the robot that an agent needs: the arm with its gripper."""
+    with Robot(name, lifetime=LIFETIME_S, **ARMS[name]) as arm:
         place, edge, mass = CUBES[name]
         arm.add_object("cube", "box", position=place, size=[edge, edge, edge], mass=mass)
-        yield tools
+        yield [arm]
 
 
 def script_of(name):
     """Return the calls of the agent: tool, and input."""
     (x, y, z), _, _ = CUBES[name]
-    gripper, opened, closed = GRIPPERS[name]
 
     def tool_at(left_m, above_m, **how):
         return name, {
@@ -64,19 +54,19 @@ def script_of(name):
         }
 
     def fingers_at(position):
-        return gripper, {"action": "move_to", "targets": {"gripper": position}, "seconds": 0.6}
+        return name, {"action": "move_to", "targets": {"gripper": position}, "seconds": 1.2}
 
     return [
         (name, {"action": "get_pose"}),
-        fingers_at(opened),
+        fingers_at(OPENED[name]),
         tool_at(0, 0.06, linear=False),
         tool_at(0, 0.005),
-        fingers_at(closed),
+        fingers_at(CLOSED),
         tool_at(0, 0.06),
         tool_at(LEFT_M, 0.06),
         # A little higher than it was, so that the cube does not press on the floor.
         tool_at(LEFT_M, 0.01),
-        fingers_at(opened),
+        fingers_at(OPENED[name]),
         tool_at(LEFT_M, 0.06),
     ]
 

@@ -100,3 +100,22 @@ def activated(candidate: Candidate, state: GateState) -> Refused | None:
 def fault_free(candidate: Candidate, state: GateState) -> Refused | None:
     fault = round(state.observation.sensors["fault"][0])
     return None if fault in (NO_FAULT, SILENCE) else refusals.fault(fault)
+
+
+def mounted_gates(index: int) -> tuple[GateCheck, ...]:
+    """Return the gates of a gripper on an arm.
+
+    Args:
+        index: Where the gripper is in the axes of the arm.
+    """
+
+    def gripper_follows(candidate: Candidate, state: GateState) -> Refused | None:
+        sensors = state.observation.sensors
+        if index not in candidate.named:
+            return None
+        activation, fault = round(sensors["gripper_activation"][0]), round(sensors["gripper_fault"][0])
+        if activation != Activation.ACTIVE:
+            return refusals.not_activated(activation)
+        return None if fault in (NO_FAULT, SILENCE) else refusals.fault(fault)
+
+    return (gripper_follows,)

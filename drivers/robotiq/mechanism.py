@@ -66,6 +66,11 @@ class Fingers(Protocol):
     @property
     def position(self) -> float: ...
 
+    @property
+    def is_still(self) -> bool:
+        """True if the fingers do not move."""
+        ...
+
     def is_blocked(self, goal: float) -> bool:
         """Return True if something keeps the fingers from closing further, with the motor at ``goal``."""
         ...
@@ -226,9 +231,10 @@ class Gripper:
     def _go(self, speed_mm_s: float, step_s: float) -> None:
         setup = self._setup
         goal = min(max(self._command.position, setup.open), setup.closed)
-        if self._fingers is not None and goal > self._position and self._fingers.is_blocked(self._position):
+        fingers = self._fingers
+        if fingers is not None and goal >= self._position and fingers.is_blocked(self._position):
             self._contact = Contact.CLOSING
-        elif self._move(goal, speed_mm_s, step_s):
+        elif self._move(goal, speed_mm_s, step_s) and (fingers is None or fingers.is_still):
             met = self._object is not None and goal > self._object and self._position >= self._object
             self._contact = Contact.CLOSING if met else Contact.ARRIVED
 

@@ -1,21 +1,24 @@
 """A gripper on the flange of a simulated arm: its links in the arm's model, and its fingers in the arm's physics.
 
 The driver of the arm names these functions as text, since no driver imports another one. The force in a command is
-not simulated: the fingers always press with ``GRIP_NM`` at most.
+not simulated: the fingers always press with ``GRIP_NM`` at most. A gripper that the driver of the arm drives is an
+axis of the arm's body, too (``GrippingBody``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from strands_actors.drivers.common.physics.body import Commander, Felt
+from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 from strands_actors.drivers.common.physics.fingers import FingerJoints
 from strands_actors.drivers.common.physics.fingers import motorise as motorise_fingers
 from strands_actors.drivers.common.physics.jointed import Jointed
 from strands_actors.drivers.common.twin import Handler, answering
 
-from .body import CLOSED_RAD
-from .mechanism import Gripper, Setup
+from .body import CLOSED_RAD, GripperBody
+from .mechanism import Setup
 from .protocol import TOP
 from .robots import TABLES, UNIT
 from .sessions import TcpSession
@@ -99,10 +102,13 @@ class PhysicalFingers:
     def position(self) -> float:
         return float(self._physics.data.joint(MOTOR).qpos[0]) / CLOSED_RAD * TOP
 
+    @property
+    def is_still(self) -> bool:
+        return abs(float(self._physics.data.joint(MOTOR).qvel[0])) < STILL_RAD_S
+
     def is_blocked(self, goal: float) -> bool:
         """Return True if something keeps the fingers from closing further, with the motor at ``goal``."""
-        is_still = abs(float(self._physics.data.joint(MOTOR).qvel[0])) < STILL_RAD_S
-        return is_still and goal - self.position > BLOCKED_COUNTS
+        return self.is_still and goal - self.position > BLOCKED_COUNTS
 
     def follow(self, goal: float) -> None:
         self._physics.data.actuator(MOTOR).ctrl[0] = goal / TOP * CLOSED_RAD
@@ -126,14 +132,73 @@ class MountedGripper:
         """Return the functions that serve the gripper's ports, by port."""
         return {
             MODBUS_PORT: answering(lambda: TcpSession(self._twin)),
-            URCAP_PORT: answering(lambda: UrcapSession(self._twin)),
+            URCAP_PORT: answering(lambda: UrcapSession(self._twin, safe_state="")),
         }
+
+    @property
+    def body(self) -> GripperBody:
+        """The fingers for a simulation, as of a gripper without an arm."""
+        return self._twin.body
 
     def pass_time(self) -> None:
         """Move the motor, up to the present time."""
-        gripper: Gripper = self._twin.gripper
-        gripper.pass_time()
-        self._fingers.follow(gripper.goal)
+        self._twin.gripper.pass_time()
+        self.follow()
+
+    def follow(self) -> None:
+        """Let the fingers follow the motor."""
+        self._fingers.follow(self._twin.gripper.goal)
 
 
-__all__ = ["LINK", "MountedGripper", "motorise", "tool_m", "with_gripper"]
+class GrippingBody:
+    """The body of an arm with its gripper, the last axis: the fraction by which it is closed."""
+
+    def __init__(self, arm: ControlledBody, mounted: MountedGripper) -> None:
+        self._arm, self._mounted, self._hand = arm, mounted, mounted.body
+        self.axes = (*arm.axes, *self._hand.axes)
+        self.spec = arm.spec
+        self.scenery = arm.scenery
+        self.pass_time = arm.pass_time
+
+    @property
+    def commanders(self) -> Sequence[Commander]:
+        return (*self._arm.commanders, *self._hand.commanders)
+
+    def felt(self) -> Felt:
+        arm, hand = self._arm.felt(), self._hand.felt()
+        return arm._replace(
+            position=(*arm.position, *hand.position),
+            velocity=(*arm.velocity, *hand.velocity),
+            effort=(*arm.effort, *hand.effort),
+            commanders=self.commanders,
+        )
+
+    def pose(self) -> Sequence[float]:
+        return self._arm.pose()
+
+    def energise(self, on: bool) -> None:
+        self._arm.energise(on)
+        self._hand.energise(on)
+
+    def set_targets(self, values: Sequence[float]) -> None:
+        self._arm.set_targets(values[:-1])
+        self._hand.set_targets(values[-1:])
+
+    def hold(self) -> None:
+        self._arm.hold()
+        self._hand.hold()
+
+    def step(self, steps: int) -> None:
+        # The motor and the physics take turns, so that the fingers lag behind the motor as they do in real time.
+        for _ in range(steps):
+            self._hand.step(1)
+            self._mounted.follow()
+            self._arm.step(1)
+
+    def reset(self) -> None:
+        self._arm.reset()
+        self._hand.reset()
+        self._mounted.follow()
+
+
+__all__ = ["LINK", "GrippingBody", "MountedGripper", "motorise", "tool_m", "with_gripper"]

@@ -7,6 +7,7 @@ Pure: values in and out of 16 bit registers, for any transport. The layout is fr
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 
 import msgspec
@@ -56,6 +57,11 @@ class Contact(enum.IntEnum):
     OPENING = 1  # An object has stopped the fingers while they were opening.
     CLOSING = 2  # An object has stopped the fingers while they were closing.
     ARRIVED = 3  # The fingers are at the requested position. They met no object, or have lost it.
+
+
+CONTACTS = {Contact.MOVING: math.nan, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
+"""Values of the sensor ``contact``: met while opening, met while closing, no object. It is unknown while the
+fingers move."""
 
 
 FAULTS = {

@@ -14,8 +14,8 @@ from strands_actors.drivers.common.twin.modelled import Modelled
 from . import protocol as p
 from .protocol import Command, Status
 from .unit import RobotiqTwin
+from .urcap_client import PORT
 
-PORT = 63352
 LONGEST = 1024
 """Most bytes of a line. The rest of a longer line is dropped."""
 
@@ -57,8 +57,16 @@ LINES: Modelled[str] = Modelled(
 class UrcapSession:
     """One client's connection to the text port: decodes its lines and answers them."""
 
-    def __init__(self, twin: RobotiqTwin) -> None:
+    def __init__(self, twin: RobotiqTwin, safe_state: str = "hold") -> None:
+        """Answer one client.
+
+        Args:
+            twin: The gripper.
+            safe_state: The safe state that a stop of the gripper brings the robot to; empty if the gripper is only
+                a part of the robot.
+        """
         self._twin = twin
+        self._safe_state = safe_state
         self._pending = b""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
@@ -70,7 +78,9 @@ class UrcapSession:
             changed = _changed(words, Command.from_registers(self._twin.output()))
             kind = "read" if changed is None else self._twin.kind_of(0, changed.registers())
             answer = self._answer(words, changed)
-            yield Exchange(kind, line + b"\n", self._replies(answer, kind), "hold" if kind == "safe" else None)
+            yield Exchange(
+                kind, line + b"\n", self._replies(answer, kind), self._safe_state if kind == "safe" else None
+            )
 
     def _answer(self, words: list[str], changed: Command | None) -> str:
         twin = self._twin
@@ -106,3 +116,6 @@ def _changed(words: list[str], command: Command) -> Command | None:
             return None
         fields[field] = bool(int(value)) if top == 1 else int(value)
     return Command(**{**{name: getattr(command, name) for name in command.__struct_fields__}, **fields})
+
+
+__all__ = ["LINES", "PORT", "UrcapSession"]

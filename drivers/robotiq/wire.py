@@ -336,14 +336,9 @@ class RobotiqWire(SessionWire[RobotiqSession]):
                 "aperture_mm": (self._config.aperture_mm(closed),),
                 "current_a": (status.current * protocol.CURRENT_A,),
                 "moving": (float(status.contact == Contact.MOVING) if contact_is_valid else _NAN,),
-                "contact": (_CONTACT[Contact(status.contact)] if contact_is_valid else _NAN,),
+                "contact": (protocol.CONTACTS[Contact(status.contact)] if contact_is_valid else _NAN,),
                 "activation": (float(status.activation),),
                 "fault": (float(status.fault),),
             },
             faults={AXIS: ", ".join(faults)} if faults else {},
         )
-
-
-_CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
-"""Values of the sensor ``contact``: met while opening, met while closing, no object. It is unknown while the
-fingers move."""

@@ -25,9 +25,21 @@ JOINTS = (
 
 IDS = tuple(range(len(JOINTS)))
 
+GRIPPER_ID = len(JOINTS)
+"""The number of the gripper on the flange, which is the last axis."""
 
 Gripper = Literal["robotiq_2f85", "robotiq_2f85_v4"]
-"""The grippers that the model of an arm can have on its flange."""
+"""The grippers that an arm can have on its flange."""
+
+URCAP = "strands_actors.drivers.robotiq.urcap_client"
+GRIPPERS = "strands_actors.drivers.robotiq.robots"
+GRIPPER_GATES = "strands_actors.drivers.robotiq.gates"
+MOUNTED = "strands_actors.drivers.robotiq.mounted"
+"""Modules that drive, check and simulate such a gripper. They are loaded by name, since no driver imports another
+one."""
+
+ACTIVATION_S = 12.0
+"""Longest time to activate the gripper, which an arming may have to do."""
 
 
 class Arm(msgspec.Struct, frozen=True):

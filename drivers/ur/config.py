@@ -6,8 +6,10 @@ from typing import Literal
 
 import msgspec
 
+from strands_actors.drivers.common.kit.hand import AXIS
 from strands_actors.drivers.common.ports.addresses import parse_address
 
+from .arms import JOINTS
 from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
 
@@ -24,6 +26,18 @@ class URConfig(msgspec.Struct, frozen=True):
     """Rate at which the controller exchanges samples and registers, in Hz. None: the default of this driver."""
     control: ControlMethod | None = None
     """How to command the robot. None: by ur-rtde if it can be imported, else by our own script."""
+    drives_gripper: bool = False
+    """True if the gripper on the flange is an axis of the robot, driven by the text port of its URCap."""
+    activates_gripper: bool = True
+    """True if arming may activate the gripper, which moves its fingers through their whole stroke."""
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return (*JOINTS, AXIS) if self.drives_gripper else JOINTS
+
+    @property
+    def ids(self) -> range:
+        return range(len(self.axes))
 
     @property
     def samples_hz(self) -> float:

@@ -11,11 +11,11 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import Driver, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
@@ -23,8 +23,10 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.kit.hand import AXIS, FORCE, FULL, MODEL_UNITS, SPEED, HandKeys, hand_axis
+from strands_actors.kernel.messages import Refused
 
-from .arms import TABLES, Gripper, arm_of
+from .arms import ACTIVATION_S, GRIPPER_GATES, GRIPPER_ID, GRIPPERS, JOINTS, MOUNTED, TABLES, URCAP, Gripper, arm_of
 from .config import ControlMethod, URConfig
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, START_S, WATCHDOG_HZ, all_gates
 from .protocol import RobotMode, SafetyMode, mode_name
@@ -56,10 +58,24 @@ class UROptions(DriverOptions, frozen=True):
     gripper: Annotated[
         Gripper | None,
         option(
-            "the gripper on the flange, a robot of its own: poses are those of the point between its fingers, its "
-            "links count in the tests of contacts, and a simulated arm has it, too; None: no gripper"
+            "the gripper on the flange, driven by the text port of its URCap: the axis gripper, in percent open. "
+            "Poses are those of the point between its fingers, and its links count in the tests of contacts; "
+            "None: no gripper"
         ),
     ] = None
+    gripper_driven: Annotated[
+        bool,
+        option("True or False: False if the gripper is a robot of its own, and the arm only carries it"),
+    ] = True
+    gripper_speed: Annotated[float, option("of an action that names none, 0 to 100 percent", ge=0, le=100)] = FULL
+    gripper_force: Annotated[float, option("of an action that names none, 0 to 100 percent", ge=0, le=100)] = FULL
+    gripper_activate: Annotated[
+        bool,
+        option(
+            "True or False: whether arming may activate a gripper that is not; that moves its fingers through "
+            "their whole stroke"
+        ),
+    ] = True
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
         None
     )
@@ -78,7 +94,7 @@ class UR(Driver):
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
     GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
-    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ("gripper",)
+    TWIN_OPTIONS: ClassVar[tuple[str, ...]] = ("gripper", "gripper_driven")
 
     unit = "radians"
     timing = Timing(
@@ -120,22 +136,57 @@ class UR(Driver):
         self.period_s = 1 / read["control_frequency"]
         self._gripper: str = read["gripper"] or ""
         self.robot = TABLES.canonical(robot)
-        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"], read["control"])
-        self.declare(Part(PartKind.ARM, arm_of(robot).axes))
+        drives = bool(self._gripper) and read["gripper_driven"]
+        self.config = URConfig(
+            self.robot,
+            port,
+            self.timing.state_ttl_s,
+            read["rtde_frequency"],
+            read["control"],
+            drives,
+            read["gripper_activate"],
+        )
+        arm = arm_of(robot).axes
+        self._hand_keys: HandKeys | None = None
+        if drives:
+            fingers = hand_axis(GRIPPER_ID, load(f"{GRIPPERS}:speed_percent_s")(self._gripper))
+            self.declare(Part(PartKind.ARM, arm), Part(PartKind.GRIPPER, (fingers,)))
+            self.unit = "radians (gripper: percent open)"
+            self._hand_keys = HandKeys(self.robot, self.table, read["gripper_speed"], read["gripper_force"])
+            self.timing = structs.replace(self.timing, arm_s=self.timing.arm_s + ACTIVATION_S)
+        else:
+            self.declare(Part(PartKind.ARM, arm))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
+        if drives:
+            self.gates += load(f"{GRIPPER_GATES}:mounted_gates")(GRIPPER_ID)
+
+    def preload(self) -> None:
+        super().preload()
+        if self.config.drives_gripper:
+            load(f"{URCAP}:stop_gripper")
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return super().parse(action, state) if self._hand_keys is None else self._hand_keys.parse(action, state)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        return super().as_json(values[: len(self.axes)])
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        units = super().model_units()
+        return units if self._hand_keys is None else (*units[:GRIPPER_ID], MODEL_UNITS)
 
     def check_port(self) -> None:
         _ = self.config.host
 
     def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
         # Imported here, since only the caller needs the links of the arm.
-        from .twin.model import FLANGE, HOME_RAD, MOUNTED, model_table
+        from .twin.model import FLANGE, HOME_RAD, model_table
 
         table = arm_table(model_table(arm_of(self.robot), self._gripper))
         if not self._gripper:
-            return ArmModel(table, self.axes, FLANGE, home=HOME_RAD)
+            return ArmModel(table, JOINTS, FLANGE, home=HOME_RAD)
         link, tool_m = load(f"{MOUNTED}:LINK"), load(f"{MOUNTED}:tool_m")(self._gripper)
-        return ArmModel(table, self.axes, link, tool_m, home=HOME_RAD)
+        return ArmModel(table, JOINTS, link, tool_m, home=HOME_RAD)
 
     def link_rows(self) -> str:
         from .twin.model import model_table
@@ -145,7 +196,8 @@ class UR(Driver):
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}
         targets = {joint: rad for joint, rad in self.as_json(values).items() if joint in named}
-        return {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": self.period_s}
+        answer = {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": self.period_s}
+        return answer | (dict(zip((SPEED, FORCE), values[-2:], strict=True)) if AXIS in named else {})
 
     def readings(self, observation: Observation) -> dict[str, Any]:
         sensors = observation.sensors

@@ -5,7 +5,10 @@ They never change (clip) a value.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+
+from msgspec import structs
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
@@ -17,6 +20,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
+from .arms import JOINTS
 from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState
 
 CONTROL_HZ = 125.0
@@ -49,10 +53,12 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTRO
     """Return the gates in the order in which they check a setpoint. The first refusal is reported.
 
     A single command may move a joint at most as far as it turns in ``period_s``, the period of the sender. servoJ
-    does not limit the speed, so with a far target the arm would move dangerously fast.
+    does not limit the speed, so with a far target the arm would move dangerously fast. A gripper limits its own
+    speed, so its steps may have any length.
     """
-    steps = too_fast(axes, tolerance=1.0, oneshot_s=period_s, longest_s=LOOKAHEAD_S, pause_counts=False)
-    return stale(axes, state_ttl_s), paused, past_range(axes), steps, runs_ahead(axes)
+    free = [axis if axis.unit == "rad" else structs.replace(axis, speed=math.inf) for axis in axes]
+    steps = too_fast(free, tolerance=1.0, oneshot_s=period_s, longest_s=LOOKAHEAD_S, pause_counts=False)
+    return stale(axes, state_ttl_s), paused, past_range(axes), steps, runs_ahead(free)
 
 
 def refuse_modes(robot: int, safety: int) -> Refused | None:
@@ -103,7 +109,7 @@ def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
     speeds = [axis.speed for axis in axes]
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
-        age_s = (state.now_ns - min(state.observation.stamp_ns)) / NS
+        age_s = (state.now_ns - min(state.observation.stamp_ns[: len(JOINTS)])) / NS
         return refuse_lead(axes, candidate, state, speeds, LEAD_S + age_s)
 
     return runs_ahead

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome
@@ -18,7 +19,7 @@ from strands_actors.drivers.common.kit.rest_watch import RestWatch
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
-from .arms import IDS, JOINTS
+from .arms import GRIPPER_ID, IDS, JOINTS, URCAP
 from .config import URConfig
 from .gates import CONTROL_HZ
 from .plain import connected, open_samples, receive, refuse_long
@@ -108,6 +109,25 @@ class _Stop:
             self.trouble.append(str(down))
 
 
+async def stop_all(config: URConfig, clock: Clock) -> tuple[MotorReport, ...]:
+    """Stop the arm, and its gripper if it has one, over new connections. Never raises."""
+    if not config.drives_gripper:
+        return await stop(config)
+    gripper: list[MotorReport] = []
+
+    async def stop_gripper() -> None:
+        gripper.append(await load(f"{URCAP}:stop_gripper")(config.host, GRIPPER_ID, clock))
+
+    try:
+        _ = config.host
+    except ValueError as error:
+        return Outcome(False, False, str(error)).reports(config.axes, config.ids)
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(stop_gripper)
+        arm = await stop(config)
+    return (*arm, *gripper)
+
+
 async def stop(config: URConfig) -> tuple[MotorReport, ...]:
     """End any running program, then wait until the arm stands still. Return a report per joint. Never raises."""
     try:
@@ -128,13 +148,14 @@ class URStopChannel(StopChannel):
 
     def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
+        self._clock = clock
 
     @property
     def hosts(self) -> Sequence[str]:
         return (self._config.host,)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        return await stop(self._config)
+        return await stop_all(self._config, self._clock)
 
     def close(self) -> None:
         """Do nothing, because no connection stays open after a stop."""

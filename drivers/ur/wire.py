@@ -11,8 +11,10 @@ from typing import Any
 
 import trio
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
+from strands_actors.drivers.common.kit.hand import AXIS, Hand
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.kit.stamps import Stamps
@@ -20,12 +22,12 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import plain
-from .arms import IDS, JOINTS
+from .arms import GRIPPER_ID, IDS, JOINTS, URCAP
 from .config import URConfig
 from .control import Control, open_control
 from .gates import CONTROL_S, PAUSED, START_S, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
-from .stop_channel import STANDING_RAD_S, stop
+from .stop_channel import STANDING_RAD_S, stop, stop_all
 
 FEED_S = 0.025
 """Period of feeding the controller's watchdog, which stops the program after 100 ms."""
@@ -57,9 +59,17 @@ OUTPUTS = ("timestamp", "actual_q", "actual_qd", "speed_scaling", "target_speed_
 class URSession:
     """One connection to a controller: its samples, and a ``Control`` object that sends the commands."""
 
-    def __init__(self, control: Control, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
+    def __init__(
+        self,
+        control: Control,
+        samples: plain.Samples,
+        config: URConfig,
+        clock: Clock,
+        gripper: Hand | None = None,
+    ) -> None:
         self.control = control
         self.samples = samples
+        self.gripper = gripper
         self.sample: dict[str, Any] = {}
         self._config = config
         self._clock = clock
@@ -154,19 +164,27 @@ class URSession:
     def observation(self) -> Observation:
         sample = self.sample
         values = {name: sample[output] for name, output in SENSORS.items()}
+        gripper = self.gripper
+        faults = {"controller": self.lost} if self.lost else {}
+        if gripper is not None and gripper.fault():
+            faults[AXIS] = gripper.fault()
         return Observation(
             t_ns=self._clock.now_ns(),
-            position=sample["actual_q"],
-            stamp_ns=(self._advanced.new_ns,) * len(JOINTS),
-            velocity=sample["actual_qd"],
+            position=(*sample["actual_q"], *(() if gripper is None else (gripper.position,))),
+            stamp_ns=(
+                *(self._advanced.new_ns,) * len(JOINTS),
+                *(() if gripper is None else (gripper.stamp_ns,)),
+            ),
+            velocity=(*sample["actual_qd"], *(() if gripper is None else (gripper.speed,))),
             sensors={
                 **{name: value if isinstance(value, tuple) else (value,) for name, value in values.items()},
                 # The controller's output speed_scaling does not include the speed slider, so multiply both.
                 "speed_scaling": (sample["speed_scaling"] * sample["target_speed_fraction"],),
                 "control": (float(self.controls),),
                 "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
+                **({} if gripper is None else gripper.sensors()),
             },
-            faults={"controller": self.lost} if self.lost else {},
+            faults=faults,
         )
 
 
@@ -183,8 +201,16 @@ class URWire(SessionWire[URSession]):
             raise WireDown(f"open: {error}") from None
         control = open_control(self._config, self._clock)
         facts = await plain.handshake(host)
-        samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
-        session = self.session_or_none = URSession(control, samples, self._config, self._clock)
+        gripper: Hand | None = None
+        if self._config.drives_gripper:
+            gripper = await load(f"{URCAP}:open_gripper")(host, GRIPPER_ID, self._clock)
+        try:
+            samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
+        except BaseException:
+            if gripper is not None:
+                gripper.close()
+            raise
+        session = self.session_or_none = URSession(control, samples, self._config, self._clock, gripper)
         try:
             session.take(await samples.first())
         except BaseException:
@@ -196,8 +222,11 @@ class URWire(SessionWire[URSession]):
         """Receive samples until cancelled, and store each one in the session."""
         session = self.session
         task_status.started()
-        while True:
-            session.take(await session.samples.next())
+        async with trio.open_nursery() as nursery:
+            if session.gripper is not None:
+                nursery.start_soon(session.gripper.serve)
+            while True:
+                session.take(await session.samples.next())
 
     async def arm(self, permit: Permit) -> Observation:
         session = self.session
@@ -208,6 +237,8 @@ class URWire(SessionWire[URSession]):
             raise WireDown("another program runs on the controller. Call stop() to end it, then resume()")
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
+        if session.gripper is not None:
+            await session.gripper.arm(permit, self._config.activates_gripper)
         await session.see_advance()
         await session.control.connect()
         await self._start_script(session, permit)
@@ -220,6 +251,8 @@ class URWire(SessionWire[URSession]):
             raise ProcessSpent(session.control.spent)
         await trio.lowlevel.checkpoint()
         session.check_alive()
+        if session.gripper is not None:
+            session.gripper.check_alive()
         return session.observation()
 
     async def feed(self) -> None:
@@ -231,14 +264,27 @@ class URWire(SessionWire[URSession]):
             raise PermitDenied(session.lost or "not armed")
         if session.is_still:
             raise PermitDenied("the controller's clock does not advance")
-        session.servoing = await session.control.servo(values, permit.check)
+        session.servoing = await session.control.servo(values[: len(JOINTS)], permit.check)
         if not session.servoing:
             session.lose("the control script is not running")
+        elif session.gripper is not None:
+            permit.check()
+            session.gripper.write(values[GRIPPER_ID:])
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
-            return NOT_CONNECTED.reports(JOINTS, IDS)
+            return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
+        if session.gripper is None:
+            return await self._stop_arm(session, safe_state)
+        stopping = session.gripper.begin_stop()
+        arm = await self._stop_arm(session, safe_state)
+        gripper = await session.gripper.confirm(stopping)
+        if not gripper.safe:
+            gripper = await load(f"{URCAP}:stop_gripper")(self._config.host, GRIPPER_ID, self._clock)
+        return (*arm, gripper)
+
+    async def _stop_arm(self, session: URSession, safe_state: SafeState) -> tuple[MotorReport, ...]:
         ended = safe_state != SafeState.HOLD
         servoed = stands = False
         try:
@@ -253,13 +299,18 @@ class URWire(SessionWire[URSession]):
         return await stop(self._config)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the arm by the dashboard or a script port, which accept a stop at any time."""
-        return await stop(self._config)
+        """Stop the arm by the dashboard or a script port, which accept a stop at any time, and the gripper."""
+        session = self.session_or_none
+        if session is not None and session.gripper is not None:
+            session.gripper.begin_stop()
+        return await stop_all(self._config, self._clock)
 
     def close(self) -> None:
         if self.session_or_none is not None:
             self.session_or_none.control.close()
             self.session_or_none.samples.close()
+            if self.session_or_none.gripper is not None:
+                self.session_or_none.gripper.close()
         self.session_or_none = None
 
     # -- steps of arming and stopping

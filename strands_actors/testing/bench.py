@@ -29,7 +29,7 @@ from .faults import Victims
 from .hosted import HostedRobot, HostFailed
 from .queueing import Queue
 from .recorder_process import RecorderProcess
-from .registering import HOSTED, LOWERING, class_of, class_path_of, column, end_of
+from .registering import HOSTED, LOWERING, carried, class_of, class_path_of, column, end_of
 from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
@@ -197,7 +197,8 @@ class Bench:
         self._host: HostedRobot | None = None
         self._driver_class = driver_class or class_of(class_path)
         self.driver = driver_of(robot, self._driver_class)
-        self._options = end_of(self.robot, type(self.driver), lowered=robot.endswith(LOWERING))
+        self._carried = carried(robot)
+        self._options = self._carried | end_of(self.robot, type(self.driver), lowered=robot.endswith(LOWERING))
         self.far = far if far is not None else 10.0 if "degrees" in self.driver.unit else 0.1
         self._caller: Caller | None = None
 
@@ -288,7 +289,7 @@ class Bench:
     def _begin_twin(self) -> None:
         """Start a simulated robot in place of the previous one."""
         self._twins.close()
-        options = TWIN_OPTIONS.get(self.robot)
+        options = {**TWIN_OPTIONS.get(self.robot, {}), **self._carried}
         twin = Twin(self.robot, self._directory, driver=self._driver_class, options=options)
         self.twin = self._twins.enter_context(twin)
 
@@ -388,10 +389,10 @@ def driver_of(robot: str, driver_class: type[Driver] | None = None) -> Driver:
 
     ``robot`` is the name of a column of the kill matrix (``registering.column``).
     """
-    lowered = robot.endswith(LOWERING)
+    lowered, gripper = robot.endswith(LOWERING), carried(robot)
     robot, class_path = column(robot)
     driver_class = driver_class or class_of(class_path)
-    options = end_of(robot, driver_class or get_native_driver_class(robot), lowered=lowered)
+    options = gripper | end_of(robot, driver_class or get_native_driver_class(robot), lowered=lowered)
     if driver_class is not None:
         return driver_class(robot, "", driver_class.resolve(robot, options))
     planned = plan(robot, "real", transport="twin", **options)

@@ -2,7 +2,8 @@
 
 The settings of ``main`` are:
 
-* ``robot``, ``port``, ``cameras`` and further ``options`` of the robot.
+* ``robot``, ``port``, ``cameras`` and further ``options`` of the robot. With the option ``gripper`` it moves the
+  hand, too.
 * ``attach``: True if a host keeps the robot. The script then attaches itself to it.
 * ``driver``: ``module:Class``, or empty.
 * ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it),
@@ -37,6 +38,9 @@ from strands_actors.surfaces.mesh import estop
 
 from .registering import register
 
+GRIPPER, OPENING, CLOSED_TO = "gripper", 80.0, 20.0
+"""The hand of an arm that carries one (the option and the axis have this name). The script moves it between these
+openings, in percent; a policy process closes it to the first one only."""
 STEPS = 10
 """Steps of a task until the robot counts as moving."""
 MOVED_S = 0.2
@@ -63,6 +67,7 @@ class Caller:
         self._far = float(settings["far"])
         self._trigger: str = settings["trigger"]
         self._attached: bool = settings["attach"]
+        self._grips = GRIPPER in settings["options"]
         self.robot: Any = (
             Robot(settings["robot"], attach=True)
             if self._attached
@@ -101,6 +106,8 @@ class Caller:
         problem = "the robot has no joint"
         observation = self.robot.get_observation()
         self._others = dict(observation) if self.robot.driver.WHOLE_ACTIONS else {}
+        if self._grips:
+            self._others[GRIPPER] = OPENING
         for joint, position in observation.items():
             self._joint, self._start = joint, position
             problem = self._move(motion)
@@ -168,7 +175,8 @@ class Caller:
 
     def _swing(self) -> dict[str, float]:
         swing = (1.0 - math.cos(time.monotonic() - self._began_s)) / 2
-        return {**self._others, self._joint: self._start + self._far * swing}
+        fingers = {GRIPPER: OPENING + (CLOSED_TO - OPENING) * swing} if self._grips else {}
+        return {**self._others, self._joint: self._start + self._far * swing, **fingers}
 
     def again(self, motion: str) -> None:
         """Resume the robot, and move it by ``loop``, ``task`` or ``rollout``.

@@ -126,6 +126,8 @@ the faults.
   that switches the torque off. If the wire or the root process breaks, that is the time until
   another process does it. If another process breaks, the arm goes on down. All other columns of
   such arms are measured with `on_exit="limp"`.
+* A column **`robot:gripper=NAME`** is of an arm that carries this gripper. Arm and gripper share
+  their processes, and both move in each trial. A setpoint of either after the stop counts.
 * **proves**: the ids of the requirements in [safety-evidence.md](safety-evidence.md#requirements)
   that the trials of the cell prove.
 """

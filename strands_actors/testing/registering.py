@@ -15,6 +15,10 @@ HOSTED = ":hosted"
 """The end of the name of a column in which a host keeps the robot, and the caller attaches itself."""
 
 
+CARRIES = ":gripper="
+"""In the name of a column: the option ``gripper`` of the arm, such as ``ur5e:gripper=robotiq_2f85``."""
+
+
 def class_path_of(driver_class: type[Driver]) -> str:
     """Return the ``module:Class`` of a driver class, by which another process can load it."""
     return f"{driver_class.__module__}:{driver_class.__qualname__}"
@@ -39,12 +43,18 @@ def column(name: str, class_path: str = "") -> tuple[str, str]:
     The second text is empty for the usual driver of the robot.
 
     The name of a column is that of a robot. It is ``robot:level`` if the robot can be commanded in two ways
-    (``Driver.LEVELS``), ``robot:lowering`` for an arm that is lowered, and ``robot:hosted`` for a robot that a host
-    keeps (``strands-actors up``).
+    (``Driver.LEVELS``), ``robot:lowering`` for an arm that is lowered, ``robot:hosted`` for a robot that a host
+    keeps (``strands-actors up``), and ``robot:gripper=NAME`` for an arm that carries this gripper.
 
     Raises:
-        ValueError: The robot has no such level.
+        ValueError: The robot has no such level, or no option ``gripper``.
     """
+    if CARRIES in name:
+        robot = name.partition(CARRIES)[0]
+        carrier = get_native_driver_class(robot)
+        if carrier is not None and "gripper" not in getattr(carrier, "OPTIONS", {}):
+            raise ValueError(f"{robot} has no option gripper: there is no column {name}")
+        return robot, class_path
     robot, _, level = name.removesuffix(LOWERING).removesuffix(HOSTED).partition(":")
     if name.endswith(LOWERING) and not end_of(robot, get_native_driver_class(robot), lowered=True):
         raise ValueError(f"{robot} is not lowered: there is no column {name}")
@@ -69,6 +79,12 @@ def prepare(robot: str, class_path: str) -> None:
         name, level = column(robot)
         if class_of(level) is None:
             get_native_driver_class(name)
+
+
+def carried(name: str) -> dict[str, Any]:
+    """Return the option ``gripper`` in the name of a column. It is empty for a column without a gripper."""
+    gripper = name.partition(CARRIES)[2]
+    return {"gripper": gripper} if gripper else {}
 
 
 def end_of(robot: str, driver_class: type | None, *, lowered: bool) -> dict[str, Any]:

@@ -22,12 +22,11 @@ from strands_actors.drivers.common.twin import (
     main_of,
 )
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.arms import JOINTS, Gripper, arm_of
+from strands_actors.drivers.ur.arms import JOINTS, MOUNTED, Gripper, arm_of
 
 from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
-from .model import MOUNTED
 from .outputs import Sample
 from .requests import MODELLED
 from .rtde import RtdeServer
@@ -46,8 +45,10 @@ class URTwinOptions(HostOption, frozen=True):
         float, option("seconds before those in which a program's text is loaded, and no stop ends it", ge=0)
     ] = 0.0
     gripper: Annotated[
-        Gripper | None, option("a Robotiq on its flange, which serves Modbus on port 502 of the same address")
+        Gripper | None,
+        option("a Robotiq on its flange, with the text port of its URCap, and Modbus on port 502"),
     ] = None
+    gripper_driven: Annotated[bool, option("whether a simulation moves the gripper as an axis of the arm")] = True
 
 
 class URTwin(TwinRobot):
@@ -71,7 +72,9 @@ class URTwin(TwinRobot):
             arm_of(robot), gripper=gripper, program_start_s=chosen.program_start_s, on_event=on_event
         )
         self._gripper: Any = load(f"{MOUNTED}:MountedGripper")(gripper, self.controller.plant) if gripper else None
-        self.body = URBody(self.controller)
+        arm = URBody(self.controller)
+        drives = self._gripper is not None and chosen.gripper_driven
+        self.body = load(f"{MOUNTED}:GrippingBody")(arm, self._gripper) if drives else arm
         self._rtde = RtdeServer(self.controller, self.faults)
         load_s = chosen.program_load_s
         greeting = state_packets.version_message()

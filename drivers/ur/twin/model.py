@@ -8,7 +8,7 @@ from typing import Any
 from strands_actors.contract.loading import load
 from strands_actors.drivers.common.physics.model_rows import build
 from strands_actors.drivers.common.physics.physics import Plant
-from strands_actors.drivers.ur.arms import JOINTS, Arm
+from strands_actors.drivers.ur.arms import JOINTS, MOUNTED, Arm
 
 from .looks import looks_of
 
@@ -18,8 +18,6 @@ HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
 
 FLANGE = "wrist_3"
 """The link of the arm that carries a tool. Its frame is the flange of the DH chain."""
-
-MOUNTED = "strands_actors.drivers.robotiq.mounted"
 
 
 def model_table(arm: Arm, gripper: str = "") -> dict[str, Any]:

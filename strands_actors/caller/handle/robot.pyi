@@ -1271,7 +1271,9 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
     rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
-    gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None, model: str | None = None,
+    gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None, gripper_driven: bool = True,
+    gripper_speed: float = 100.0, gripper_force: float = 100.0, gripper_activate: bool = True,
+    model: str | None = None,
 ) -> UR: ...
 @overload
 def Robot(
@@ -1552,6 +1554,7 @@ def Robot(
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None,
+    gripper_driven: bool = True,
 ) -> SimulatedUR: ...
 @overload
 def Robot(
@@ -1803,7 +1806,9 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
     rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
-    gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None, model: str | None = None,
+    gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None, gripper_driven: bool = True,
+    gripper_speed: float = 100.0, gripper_force: float = 100.0, gripper_activate: bool = True,
+    model: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncUR]: ...
 @overload
 def open_robot(
@@ -2084,6 +2089,7 @@ def open_robot(
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, gripper: Literal["robotiq_2f85", "robotiq_2f85_v4"] | None = None,
+    gripper_driven: bool = True,
 ) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
 @overload
 def open_robot(

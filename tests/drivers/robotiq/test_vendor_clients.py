@@ -76,12 +76,20 @@ def test_py_robotiq_gripper_moves_it(tmp_path: Path, clients: Path, framing: str
         assert WireLog(twin.log_path).host("safe")
 
 
-def test_a_client_of_the_urcap_moves_it(tmp_path: Path, clients: Path) -> None:
-    with TwinProcess(tmp_path, "robotiq_2f85", "robotiq", options={"activation_s": 0.2}) as twin:
+ON_A_WRIST = ("ur5e", "ur", {"gripper": "robotiq_2f85"})
+
+
+@pytest.mark.parametrize(
+    ("robot", "wire", "options"), [("robotiq_2f85", "robotiq", {"activation_s": 0.2}), ON_A_WRIST]
+)
+def test_a_client_of_the_urcap_moves_it(
+    tmp_path: Path, clients: Path, robot: str, wire: str, options: Mapping[str, Any]
+) -> None:
+    with TwinProcess(tmp_path, robot, wire, options=options) as twin:
         fault, position, met, closed = json.loads(
             run_with(clients, URCAP, twin.port.split(":")[0], within_s=WITHIN_S)
         )
         assert (fault, met) == (0, 3)
-        assert position == pytest.approx(128, abs=1)
+        assert position == pytest.approx(128, abs=2)
         assert closed > 220
         assert {"enable", "setpoint", "safe", "read"} <= set(kinds_of(twin))
