@@ -81,7 +81,7 @@ class Hands:
         last = self._recent[-STILL:]
         return all(max(row[key] for row in last) - min(row[key] for row in last) <= STILL_COUNTS for key in last[0])
 
-    def show(self, sweep: Sweep, joint: str) -> None:
+    def show(self, sweep: Sweep, joint: str, expected: int | None) -> None:
         self._recent.append(dict(sweep.now))
         self._shown.set()
         self._shown = trio.Event()

@@ -52,6 +52,10 @@ class Directory:
         self._node = node
         self._joined_at = trio.current_time()
 
+    def is_current(self) -> bool:
+        """Return True while the same robots run. Otherwise join again, to reach the new ones."""
+        return [(note.robot, note.pid) for note in self.notes] == [(note.robot, note.pid) for note in notes()]
+
     async def tree(self, note: Note) -> TreeReport:
         """Return the processes and actors of a robot.
 

@@ -354,3 +354,15 @@ def exists(pid: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def state_of(pid: int) -> str:
+    """Ask the operating system for the state of a process. Return ``running``, ``frozen`` or ``ended``."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            letter = file.read().rpartition(")")[2].split()[0]
+    except ProcessLookupError:
+        return "ended"
+    except FileNotFoundError:
+        return "running" if not os.path.exists("/proc/self/stat") and exists(pid) else "ended"
+    return {"T": "frozen", "t": "frozen", "Z": "ended", "X": "ended"}.get(letter, "running")

@@ -20,6 +20,7 @@ from .errors import Problem
 from .options import (
     All,
     Cameras,
+    Dialogue,
     Every,
     Id,
     Json,
@@ -463,12 +464,13 @@ def calibrate(
     undo: Annotated[
         bool, typer.Option("--undo", help="Put back the values that the servos had before the last calibration.")
     ] = False,
+    dialogue: Dialogue = False,
     json: Json = False,
 ) -> None:
     """Calibrate the joints of a robot or a leader, by moving them by hand."""
     from .calibrate import calibrate as run
 
-    raise typer.Exit(run(robot, port, id_, json, accept or (), from_, undo))
+    raise typer.Exit(run(robot, port, id_, json or dialogue, accept or (), from_, undo, dialogue))
 
 
 @app.command("setup-motors")
@@ -476,12 +478,13 @@ def setup_motors(
     robot: Kind,
     port: Annotated[str, typer.Option(help="The robot's serial port.")],
     joint: Annotated[list[str] | None, typer.Option(help="Set up only this joint. Can be repeated.")] = None,
+    dialogue: Dialogue = False,
     json: Json = False,
 ) -> None:
     """Give new servos their ids, one after the other."""
     from .calibrate import setup_motors as run
 
-    raise typer.Exit(run(robot, port, joint or [], json))
+    raise typer.Exit(run(robot, port, joint or [], json or dialogue, dialogue))
 
 
 @app.command()
@@ -817,13 +820,14 @@ def drill(
             metavar="FILE", help="Write a report without personal data, which you may send to the project."
         ),
     ] = None,
+    dialogue: Dialogue = False,
     json: Json = False,
 ) -> None:
     """Test on your robot that each kind of fault stops it, and keep a certificate."""
     from .drill import run as drill_robot
 
     options = [*(option or []), *([] if id_ is None else [f"id={json_of(id_)}"])]
-    raise typer.Exit(drill_robot(robot, port, twin, yes, options, as_json=json, report=report))
+    raise typer.Exit(drill_robot(robot, port, twin, yes, options, json or dialogue, report, dialogue))
 
 
 @app.command()

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
-from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,9 @@ from strands_actors.drivers import (
     list_native_drivers,
 )
 from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.surfaces.serial_ports import serial_ports
 
+from .dialogue import Dialogue
 from .errors import Problem
 from .person import Terminal
 
@@ -40,7 +40,6 @@ SAVE_TEXT = "strands_actors.drivers.common.kit.calibration:save_text"
 FIRMWARE = "firmware"
 PREPARE = "strands_actors.drivers.common.kit.calibration:prepare"
 SAVE = "strands_actors.drivers.common.kit.calibration:save"
-BY_ID = "/dev/serial/by-id/*"
 
 
 def calibrate(
@@ -51,6 +50,7 @@ def calibrate(
     accept: Sequence[str] = (),
     source: Path | None = None,
     undo: bool = False,
+    dialogue: bool = False,
 ) -> int:
     """Ask the user to move each joint through its range, or take the calibration from elsewhere. Write it into the
     servos and into LeRobot's calibration file. Return the exit code.
@@ -63,11 +63,12 @@ def calibrate(
         accept: Joints that may have another range than the robot's table, and ``firmware``.
         source: A calibration file to write, in place of moving the joints.
         undo: Write the values that the servos had before the last calibration.
+        dialogue: Ask by lines of JSON.
     """
     name, driver_class = of_servos(robot, "calibrate")
     setup = _setup(driver_class, name, port)
     path = _file(driver_class, name, name if robot_id is None else robot_id)
-    person = Terminal(quiet=as_json)
+    person = person_of(as_json, dialogue)
     plan = _plan(driver_class, name, accept)
     if undo and source is not None:
         raise Problem("calibrate: --undo and --from were both given. Leave one of them out")
@@ -146,7 +147,12 @@ def _file(driver_class: Any, name: str, robot_id: str) -> Path:
     return path
 
 
-def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:
+def person_of(as_json: bool, dialogue: bool) -> Terminal | Dialogue:
+    """Return the one to ask: the user at the terminal, or a program."""
+    return Dialogue() if dialogue else Terminal(quiet=as_json)
+
+
+def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool, dialogue: bool = False) -> int:
     """Write an id into each servo. The user connects one servo at a time, beginning with the last joint.
     Return the exit code."""
     name, driver_class = of_servos(robot, "setup-motors")
@@ -155,7 +161,7 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
     if wrong := [joint for joint in joints if joint not in axes]:
         raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. It has {', '.join(axes)}")
     chosen = [axis for key, axis in reversed(axes.items()) if not joints or key in joints]
-    person = Terminal(quiet=as_json)
+    person = person_of(as_json, dialogue)
     servos = []
 
     async def run() -> None:
@@ -208,24 +214,6 @@ def ports(also: Sequence[str], as_json: bool) -> int:
         if about:
             print(about)
     return 0
-
-
-def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
-    """Return the serial devices by path, each with a text: USB ids, product and permanent path.
-
-    Args:
-        also: Further device paths, which may contain wildcards.
-    """
-    from serial.tools import list_ports
-
-    stay = {os.path.realpath(link): link for link in glob(BY_ID)}
-    ports = {}
-    for port in sorted(list_ports.comports()):
-        usb_id = f"{port.vid:04X}:{port.pid:04X}" if port.vid is not None and port.pid is not None else ""
-        ports[port.device] = " ".join(
-            part for part in (usb_id, port.product or "", stay.get(port.device, "")) if part
-        )
-    return ports | {path: "" for pattern in also for path in sorted(glob(pattern))}
 
 
 def of_servos(robot: str, verb: str) -> tuple[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import msgspec
@@ -12,11 +11,11 @@ import trio
 from strands_actors.caller.processes.plan import Plan
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.surfaces.drill.certificate import StepResult
 from strands_actors.surfaces.drill.run import Outcome, run_drill
 from strands_actors.surfaces.drill.steps import Failed, runs_policies
 
 from . import drill_report
+from .calibrate import person_of
 from .errors import Problem
 
 CONSENT = """\
@@ -40,6 +39,7 @@ def run(
     options: list[str],
     as_json: bool,
     report: Path | None = None,
+    dialogue: bool = False,
 ) -> int:
     """Run the drill after the user's consent.
 
@@ -51,6 +51,7 @@ def run(
         options: ``KEY=VALUE`` keywords of ``Robot``.
         as_json: Print JSON.
         report: Write a report of the drill to this new file. None writes no report.
+        dialogue: Ask by lines of JSON.
 
     Returns:
         The exit code: 0 if the drill was passed, else 1.
@@ -60,19 +61,15 @@ def run(
     keywords = _keywords(options)
     if report is not None:
         drill_report.check(report, _planned(robot, port, keywords))
-    if not twin and not yes:
-        _consent(robot, str(port), keywords)
+    person = person_of(as_json, dialogue)
+    if not twin and not yes and not person.consents(_consent_text(robot, str(port), keywords), robot):
+        raise Problem("drill: you did not consent, so nothing was done")
 
     async def tell(text: str) -> None:
-        print(f"  >> {text}", file=sys.stderr, flush=True)
-
-    def show(result: StepResult) -> None:
-        if not as_json:
-            mark = "ok" if result.passed else "FAILED"
-            print(f"  {result.step:<12} {mark}", file=sys.stderr, flush=True)
+        person.instruct(text)
 
     try:
-        outcome = trio.run(run_drill, robot, port, keywords, tell, show)
+        outcome = trio.run(run_drill, robot, port, keywords, tell, person.step)
     except (ValueError, TypeError, ConnectionError, Failed) as refusal:
         raise Problem(f"drill: {refusal}") from refusal
     problem = drill_report.write(outcome, report)
@@ -108,7 +105,7 @@ def _planned(robot: str, port: str | None, keywords: dict[str, str]) -> Plan:
         raise Problem(f"drill: {refusal}") from refusal
 
 
-def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
+def _consent_text(robot: str, port: str, keywords: dict[str, str]) -> str:
     planned = _planned(robot, port, keywords)
     try:
         driver = planned.driver_class(planned.robot, port, planned.options)
@@ -120,16 +117,12 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
         if reason in ("stop", "policy")
     )
     count = 5 if runs_policies(driver) else 4
-    print(CONSENT.format(robot=robot, port=port, count=count, safe_states=safe_states), file=sys.stderr)
+    texts = [CONSENT.format(robot=robot, port=port, count=count, safe_states=safe_states)]
     if driver.fallbacks[Reason.CALLER] is SafeState.LOWERED:
-        print(LOWERING, file=sys.stderr)
+        texts.append(LOWERING)
     if driver.BEFORE_MOTION:
-        print(f"Before each of them it does {driver.BEFORE_MOTION}(). Keep clear of it.", file=sys.stderr)
-    if not sys.stdin.isatty():
-        raise Problem("drill: consent needs a terminal. Run this in a terminal, or pass --yes if you consent")
-    print(f"Type {robot} to go on: ", end="", file=sys.stderr, flush=True)
-    if sys.stdin.readline().strip() != robot:
-        raise Problem("drill: you did not consent, so nothing was done")
+        texts.append(f"Before each of them it does {driver.BEFORE_MOTION}(). Keep clear of it.")
+    return "\n".join(texts)
 
 
 def _print(robot: str, outcome: Outcome, as_json: bool) -> None:

@@ -117,6 +117,7 @@ def _setting(place: str, setting: str, remedy: str) -> tuple[str, Any]:
         return key, value
 
 
+Dialogue = Annotated[bool, typer.Option("--dialogue", help="Ask a program in place of a person, in lines of JSON.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 

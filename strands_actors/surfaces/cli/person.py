@@ -9,6 +9,9 @@ from typing import Any
 import trio
 
 from strands_actors.contract.loading import load
+from strands_actors.surfaces.drill.certificate import StepResult
+
+from .errors import Problem
 
 TURN_S = 0.05
 DEGREES_PER_COUNT = 360 / 4096
@@ -58,10 +61,28 @@ class Terminal:
                 return line
             await trio.sleep(TURN_S)
 
-    def show(self, sweep: Any, joint: str) -> None:
+    def instruct(self, text: str) -> None:
+        """Print an instruction, also if the output is otherwise JSON."""
+        print(f"  >> {text}", file=sys.stderr, flush=True)
+
+    def step(self, result: StepResult) -> None:
+        """Print the result of one step of a drill."""
+        self.say(f"  {result.step:<12} {'ok' if result.passed else 'FAILED'}")
+
+    def consents(self, text: str, word: str) -> bool:
+        """Print what will happen, and return True if the user types this word. Raise ``Problem`` without a
+        terminal."""
+        print(text, file=sys.stderr)
+        if not sys.stdin.isatty():
+            raise Problem("drill: consent needs a terminal. Run this in a terminal, or pass --yes if you consent")
+        print(f"Type {word} to go on: ", end="", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip() == word
+
+    def show(self, sweep: Any, joint: str, expected: int | None) -> None:
         """Print how far a joint was moved, over the previous output. Do nothing if stderr is not a terminal."""
         if not self._redraws:
             return
         up = "\x1b[1A" if self._is_shown else ""
-        print(f"{up}\x1b[K{joint:16} {sweep.moved(joint) * DEGREES_PER_COUNT:6.1f} degrees", file=sys.stderr)
+        goal = "" if expected is None else f" of about {expected * DEGREES_PER_COUNT:.0f}"
+        print(f"{up}\x1b[K{joint:16} {sweep.moved(joint) * DEGREES_PER_COUNT:6.1f}{goal} degrees", file=sys.stderr)
         self._is_shown = True

@@ -41,7 +41,9 @@ from .replays import Replays
 from .robots import Robots
 from .scene import Scenes
 from .seat import Hands
+from .setup import Setup
 from .tools import Tools
+from .trees import Trees
 
 ORDER_S = 0.5
 """An order to move that has not reached the robot within this time is not carried out."""
@@ -130,6 +132,7 @@ class Console:
         self._scenes = Scenes(models)
         self._hands = Hands()
         self._tools = Tools()
+        self._trees = Trees()
 
     def app(self) -> Starlette:
         """Return the ASGI application, without its ``Guard``."""
@@ -157,8 +160,14 @@ class Console:
                 Route("/devices", order(self._devices, Role.OPERATOR), methods=["GET"]),
                 Route("/devices/offer", order(self._offer, Role.OPERATOR), methods=["POST"]),
                 Route("/devices/revoke", order(self._revoke, Role.OPERATOR), methods=["POST"]),
+                *self._trees.routes(),
+                *Setup(self._access).routes(),
             ]
         )
+
+    async def run(self) -> None:
+        """Keep what the pages show up to date, until cancelled."""
+        await self._trees.run()
 
     # -- pages
 

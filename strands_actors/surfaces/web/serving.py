@@ -153,6 +153,7 @@ async def serve(
                 AgentPanel(agent.factory, agent.mesh, nursery),
                 models,
             )
+            nursery.start_soon(console.run)
             offered = f"{pairing}?code={access.offer(Role.OPERATOR, time.time())}" if pairing else ""
             url = f"{pages[0].origins[0]}/?token={access.token}"
             on_serving(Serving(url, f"{stops[0].origins[0]}/estop", offered, fingerprint))

@@ -15,11 +15,12 @@ from rich.table import Table
 from rich.text import Text
 
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.processes.process import state_of
 from strands_actors.surfaces.cli.trees import draw
 
 from .scenario import CONTROL_HZ, Scenario
 from .story import Story
-from .watch import Watch, state_of
+from .watch import Watch
 from .wire import Wire
 
 BAR_CELLS = 33

@@ -15,7 +15,7 @@ from strands_actors.caller.handle.envelopes import Answer
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.caller.session.portal import portal
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
-from strands_actors.kernel.processes.process import exists
+from strands_actors.kernel.processes.process import state_of
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Status
@@ -135,18 +135,6 @@ def status_of(robot: RealRobot) -> dict[str, Any]:
     assert isinstance(answer, Answer)  # Without an event loop in this thread, the call returns the answer itself.
     json: dict[str, Any] = answer["content"][0]["json"]
     return json
-
-
-def state_of(pid: int) -> str:
-    """Ask the operating system for the state of a process. Return ``running``, ``frozen`` or ``ended``."""
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            letter = file.read().rpartition(")")[2].split()[0]
-    except ProcessLookupError:
-        return "ended"
-    except FileNotFoundError:
-        return "running" if not os.path.exists("/proc/self/stat") and exists(pid) else "ended"
-    return {"T": "frozen", "t": "frozen", "Z": "ended", "X": "ended"}.get(letter, "running")
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import trio
 
 from strands_actors.caller.processes import directory
 from strands_actors.caller.processes.directory import Directory
-from strands_actors.caller.processes.run_directory import Note, notes
+from strands_actors.caller.processes.run_directory import Note
+from strands_actors.kernel.processes.process import state_of
 from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.root.messages import TreeReport
-from strands_actors.surfaces.cli.demo.watch import state_of
 from strands_actors.surfaces.cli.operate import VERBS
 
 PERIOD_S = 0.4
@@ -81,7 +81,7 @@ class Feed:
         async with directory.join() as joined, trio.open_nursery() as self._nursery:
             self._joined = joined
             try:
-                while _same(joined.notes, list(notes())):
+                while joined.is_current():
                     self._show(await _look(joined))
                     await trio.sleep(PERIOD_S)
             finally:
@@ -131,7 +131,3 @@ async def _look(joined: Directory) -> list[RobotSnapshot]:
         for note in joined.notes:
             nursery.start_soon(look, note)
     return [robots[robot] for robot in sorted(robots)]
-
-
-def _same(some: Sequence[Note], others: Sequence[Note]) -> bool:
-    return [(note.robot, note.pid) for note in some] == [(note.robot, note.pid) for note in others]
