@@ -88,8 +88,8 @@ class Person(Protocol):
     async def ready(self, text: str) -> None:
         """Show an instruction, and wait until the person has carried it out."""
 
-    def show(self, sweep: Sweep, joint: str) -> None:
-        """Show how far a joint was moved so far."""
+    def show(self, sweep: Sweep, joint: str, expected: int | None) -> None:
+        """Show how far a joint was moved so far. ``expected`` is its range in counts; None without an end."""
 
     async def confirm(self, proposal: Proposal) -> bool:
         """Show a calibration, and return True if the person wants it."""
@@ -177,7 +177,7 @@ async def _sweep(
     finding: Finding | None = None
     for _ in range(TRIES):
         again = f"{text_of(finding)}. Again: " if finding else ""
-        await _record(setup, person, sweep, before, key, f"{again}move {key} {motion}")
+        await _record(setup, person, sweep, before, key, expected, f"{again}move {key} {motion}")
         finding = check_sweep(sweep, key, expected, key in plan.accepted)
         if finding is None:
             return Travel(sweep.low[key], sweep.high[key], None if expected else sweep.now[key])
@@ -185,7 +185,9 @@ async def _sweep(
     raise ValueError(f"{text_of(finding)}. Nothing was changed")
 
 
-async def _record(setup: Setup[Any], person: Person, sweep: Sweep, before: Registers, key: str, text: str) -> None:
+async def _record(
+    setup: Setup[Any], person: Person, sweep: Sweep, before: Registers, key: str, expected: int | None, text: str
+) -> None:
     """Record the positions of all joints until the person has moved one of them."""
     failures: list[Exception] = []
 
@@ -200,7 +202,7 @@ async def _record(setup: Setup[Any], person: Person, sweep: Sweep, before: Regis
     async def read() -> None:
         while True:
             sweep.record(await _encoders(setup, before))
-            person.show(sweep, key)
+            person.show(sweep, key, expected)
             await trio.sleep(READ_S)
 
     # Joints may have moved while no one was asked to move them, for example while the last range was checked.
