@@ -5,9 +5,10 @@ import {el, setText} from "/page/dom.js"
 import {Fleet} from "/page/fleet.js"
 import {Recordings} from "/page/recordings.js"
 import {RobotView} from "/page/robot.js"
+import {SetUp} from "/page/setup.js"
 
 /** The views beside the fleet and the robots, by their place in the address. They are for operators. */
-const VIEWS = {devices: Devices, recordings: Recordings, agent: Agent}
+const VIEWS = {devices: Devices, recordings: Recordings, agent: Agent, setup: SetUp}
 const AGAIN_MS = 1000
 const NOTE_MS = 9000
 const facts = JSON.parse(document.body.dataset.facts)
