@@ -7,7 +7,7 @@ import json
 import ssl
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any
@@ -54,9 +54,19 @@ class Visitor:
         return answer.json()
 
     def page(self, robot: str = "") -> OpenPage:
+        return OpenPage(self._connect("/live"), robot)
+
+    @contextlib.contextmanager
+    def command(self, **order: Any) -> Iterator[ClientConnection]:
+        """Begin a command of setting up, as the page does."""
+        with self._connect("/setup/run") as socket:
+            socket.send(json.dumps(order))
+            yield socket
+
+    def _connect(self, path: str) -> ClientConnection:
+        url = f"{self.origin.replace('http', 'ws', 1)}{path}"
         headers = {"Cookie": self.cookie}
-        url = f"{self.origin.replace('http', 'ws', 1)}/live"
-        return OpenPage(connect(url, additional_headers=headers, origin=Origin(self.origin), ssl=self._tls), robot)
+        return connect(url, additional_headers=headers, origin=Origin(self.origin), ssl=self._tls)
 
 
 class OpenPage:

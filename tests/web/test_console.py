@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from strands_actors.surfaces.cli import run
 from strands_actors.testing.wirelog import WireLog
@@ -264,6 +265,9 @@ def test_another_device_gets_in_by_a_code(tmp_path: Path, cli: Command) -> None:
         with Visitor(facts["pairing"], offered["code"], tls) as phone:
             assert phone.http.post("/robots/so101/resume").status_code == 403
             assert phone.http.get("/devices").status_code == 403
+            assert phone.http.get("/setup/ports").status_code == 403
+            with pytest.raises(ConnectionClosed), phone.command(type="drill", robot="so101") as socket:
+                socket.recv(timeout=20)
             assert phone.order("/robots/so101/stop")["outcome"]["outcome"] == "unreachable", "a viewer may stop"
             again = phone.http.post("/pair", content=f"code={offered['code']}")
             assert again.status_code == 403

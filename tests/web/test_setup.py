@@ -5,26 +5,24 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Origin
+from websockets.sync.client import ClientConnection
 
 from strands_actors.testing import Twin
 from tests.answers import until
-from tests.calibration.hands import ENDS, JOINTS, registers_of
+from tests.calibration.hands import JOINTS, registers_of
 from tests.cli.command import Command
 
 from .browser import PATIENCE_S, Visitor
 from .conftest import Bench
 from .serving import console_of
 
-SWEPT_DEGREES = 20.0
-"""A little less than the way between ``ENDS``."""
+TO_RAD, SWEPT_DEGREES = 0.6, 20.0
+"""Where the hand moves each joint, and after which way it is enough."""
 
 
 @pytest.fixture
@@ -32,15 +30,6 @@ def visitor(tmp_path: Path, cli: Command) -> Iterator[Visitor]:
     cli.environment["HF_LEROBOT_CALIBRATION"] = str(tmp_path / "lerobot")
     with console_of(cli) as facts, Visitor(facts["url"]) as visitor:
         yield visitor
-
-
-@contextmanager
-def command(visitor: Visitor, **order: Any) -> Iterator[ClientConnection]:
-    """Begin a command, as the page does."""
-    url = f"{visitor.origin.replace('http', 'ws', 1)}/setup/run"
-    with connect(url, additional_headers={"Cookie": visitor.cookie}, origin=Origin(visitor.origin)) as socket:
-        socket.send(json.dumps(order))
-        yield socket
 
 
 def messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
@@ -58,14 +47,15 @@ def result_of(socket: ClientConnection) -> dict[str, Any]:
 
 
 def move_through(socket: ClientConnection, twin: Twin) -> dict[str, Any]:
-    """Move each joint that is asked for from one end to the other, and return the message after the last one."""
+    """Move each joint that is asked for by hand, and return the message after the last one."""
     number = at = 0
     for message in messages(socket):
+        assert "type" in message, message
         match message["type"]:
             case "ready":
                 number, at = message["number"], 0
             case "moved" if number and at == 0:
-                twin.move_by_hand(**{message["joint"]: ENDS[1]})
+                twin.move_by_hand(**{message["joint"]: TO_RAD})
                 at = 1
             case "moved" if number and message["degrees"][message["joint"]] > SWEPT_DEGREES:
                 # An answer to the question before this one counts for nothing.
@@ -85,17 +75,17 @@ def test_a_page_calibrates_an_arm_and_puts_the_old_values_back(
     with Twin("so101", tmp_path, by_hand=True) as twin:
         before = registers_of("so101", twin)
         order = {"robot": "so101", "port": twin.port, "id": "left"}
-        with command(visitor, type="calibrate", accept=JOINTS, **order) as socket:
+        with visitor.command(type="calibrate", accept=JOINTS, **order) as socket:
             proposal = move_through(socket, twin)
             assert [joint["joint"] for joint in proposal["joints"]] == list(JOINTS)
             assert proposal["type"] == "confirm" and proposal["joints"][0]["swept"] > SWEPT_DEGREES
-            with command(visitor, type="calibrate", **order) as other:
+            with visitor.command(type="calibrate", **order) as other:
                 assert "from another page" in result_of(other)["error"]
             socket.send(json.dumps({"number": proposal["number"], "text": "yes"}))
             file = Path(result_of(socket)["file"])
         assert file.is_relative_to(tmp_path) and list(json.loads(file.read_text())) == list(JOINTS)
         assert registers_of("so101", twin) != before
-        with command(visitor, type="calibrate", undo=True, **order) as socket:
+        with visitor.command(type="calibrate", undo=True, **order) as socket:
             assert result_of(socket)["robot"] == "so101"
         assert registers_of("so101", twin) == before and not file.exists()
 
@@ -105,7 +95,7 @@ def test_a_page_that_closes_ends_its_command_and_nothing_is_written(
 ) -> None:
     with Twin("so101", tmp_path, by_hand=True) as twin:
         before, alone = registers_of("so101", twin), set(cli.processes())
-        with command(visitor, type="calibrate", robot="so101", port=twin.port) as socket:
+        with visitor.command(type="calibrate", robot="so101", port=twin.port) as socket:
             assert next(messages(socket))["type"] == "ready"
         until(lambda: set(cli.processes()) <= alone, "the command ends")
         assert registers_of("so101", twin) == before, "the port is free, and the values are the old ones"
@@ -121,12 +111,12 @@ def test_a_page_that_closes_ends_its_command_and_nothing_is_written(
     ],
 )
 def test_what_a_command_refuses_is_shown(shared_visitor: Visitor, order: dict[str, Any], problem: str) -> None:
-    with command(shared_visitor, **order) as socket:
+    with shared_visitor.command(**order) as socket:
         assert problem in result_of(socket)["error"]
 
 
 def test_a_drill_asks_for_consent(shared_visitor: Visitor) -> None:
-    with command(shared_visitor, type="drill", robot="so101", port="/nowhere") as socket:
+    with shared_visitor.command(type="drill", robot="so101", port="/nowhere") as socket:
         asked = next(messages(socket))
         assert asked["type"] == "consent" and "hands off" in asked["text"]
         socket.send(json.dumps({"number": asked["number"], "text": "so10"}))
@@ -135,7 +125,7 @@ def test_a_drill_asks_for_consent(shared_visitor: Visitor) -> None:
 
 @pytest.mark.long
 def test_a_page_drills_a_simulated_arm(shared_visitor: Visitor) -> None:
-    with command(shared_visitor, type="drill", robot="so101") as socket:
+    with shared_visitor.command(type="drill", robot="so101") as socket:
         seen = list(messages(socket))
     steps = [message["result"]["step"] for message in seen if message.get("type") == "step"]
     assert steps[:2] == ["stop", "policy kill"]
@@ -148,7 +138,7 @@ def test_new_servos_get_their_ids(visitor: Visitor, tmp_path: Path) -> None:
         others = [f"off:{number}" for number in range(1, 6)]
         for fault in others:
             twin.fault(fault)
-        with command(visitor, type="setup-motors", robot="so101", port=twin.port, joints=["gripper"]) as socket:
+        with visitor.command(type="setup-motors", robot="so101", port=twin.port, joints=["gripper"]) as socket:
             for message in messages(socket):
                 if message.get("type") == "ready":
                     assert "connect the servo of gripper" in message["text"]
@@ -167,12 +157,6 @@ def test_ports_kinds_and_the_state_of_this_computer(shared_visitor: Visitor) -> 
     assert kinds["koch_leader"]["joints"] and not kinds["koch_leader"]["drills"] and not kinds["ur5e"]["joints"]
     checks = shared_visitor.order("/setup/doctor")["checks"]
     assert {"python", "zenoh", "serial"} <= {check["name"] for check in checks}
-
-
-def test_a_viewer_sets_nothing_up(cli: Command) -> None:
-    with console_of(cli) as facts, Visitor(facts["url"]) as visitor:
-        for path in ("/setup/ports", "/setup/kinds"):
-            assert Visitor.__name__ and visitor.http.get(path, headers={"Cookie": ""}).status_code == 403, path
 
 
 def test_the_tree_of_a_robot_shows_processes_and_restarts(bench: Bench) -> None:
