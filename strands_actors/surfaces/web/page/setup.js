@@ -142,11 +142,13 @@ export class SetUp {
 
   start(order) {
     this.form = null
-    this.run = new Run(order, {
+    const joints = this.kinds?.find(kind => kind.name === order.robot)?.joints ?? []
+    this.run = new Run(order, joints, {
       again: changed => this.start({...order, ...changed}),
       leave: () => { this.run = null; this.showForm() },
     })
     this.place.replaceChildren(this.run.root)
+    this.run.root.scrollIntoView({block: "nearest"})
   }
 
   close() {

@@ -4,10 +4,12 @@ const WHOLE_TURN = 360
 const ALSO_DEGREES = 5
 const NAMES = {calibrate: "Calibration", "setup-motors": "Ids of servos", drill: "Drill"}
 
-/** One command, with this page in place of the terminal. Its end, and that of the page, end the command safely. */
+/** One command, with this page in place of the terminal. Its end, and that of the page, end the command safely.
+ * `names` are the joints of the robot that can be calibrated. */
 export class Run {
-  constructor(order, {again, leave}) {
+  constructor(order, names, {again, leave}) {
     this.order = order
+    this.names = names
     this.again = again
     this.leave = leave
     this.bars = new Map()
@@ -115,12 +117,20 @@ export class Run {
       ? "The connection ended. The command was ended with it, as by Ctrl-C." : `It ended (code ${this.code}).`))
     setText(this.instruction, failed || this.summary(result))
     this.instruction.classList.add(failed || result.passed === false ? "bad" : "good")
-    const accepted = [...(result?.error ?? "").matchAll(/--accept (\w+)/g)].map(match => match[1])
-    this.question.append(el("div", {class: "row"},
-      el("button", {class: "go", onclick: () => this.again({})}, "again"),
-      accepted.map(word => el("button", {onclick: () => this.again({accept: [...this.order.accept ?? [], word]})}, `again, and accept ${word} as it is`)),
-      this.order.type === "calibrate" && !failed && el("button", {onclick: () => this.again({undo: !this.order.undo, accept: []})},
+    const isCalibration = this.order.type === "calibrate"
+    const accept = failed && isCalibration && !this.order.undo ? this.acceptBoxes() : null
+    this.question.append(accept ?? "", el("div", {class: "row"},
+      el("button", {class: "go", onclick: () => this.again(accept ? {accept: checkedIn(accept)} : {})}, "again"),
+      isCalibration && !failed && el("button", {onclick: () => this.again({undo: !this.order.undo, accept: []})},
         this.order.undo ? "undo once more" : "undo it")))
+  }
+
+  /** What may be accepted although it differs from the robot's table, as with --accept. */
+  acceptBoxes() {
+    return el("details", {}, el("summary", {}, "an arm with other parts: accept …"), el("fieldset", {class: "tasks"},
+      el("legend", {}, "accept another range of these joints than usual, or different firmware"),
+      ["firmware", ...this.names].map(word => el("label", {class: "row"},
+        el("input", {type: "checkbox", value: word, checked: this.order.accept?.includes(word)}), word))))
   }
 
   summary(result) {
@@ -132,3 +142,5 @@ export class Run {
 
   end() { this.socket.close() }
 }
+
+const checkedIn = boxes => [...boxes.querySelectorAll("input:checked")].map(box => box.value)
