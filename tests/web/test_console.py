@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import socket
 import ssl
 import time
@@ -249,6 +250,23 @@ def state_of(page: OpenPage) -> str:
 
 def lease_of(page: OpenPage) -> str:
     return str(next((each["lease"] for each in fleet(page) if each["name"] == "so101"), ""))
+
+
+def test_the_tree_of_a_robot_shows_processes_and_restarts(bench: Bench) -> None:
+    visitor = bench.visitor
+
+    def processes() -> dict[str, dict[str, Any]]:
+        answer = visitor.http.get("/robots/so101/tree")
+        assert answer.status_code == 200, answer.text
+        tree = answer.json()
+        assert any(actor["address"].endswith("/actor/gate") for actor in tree["actors"])
+        return {process["role"]: process for process in tree["processes"]}
+
+    first = processes()
+    assert first["root"]["state"] == "running" and first["standby"]["restarts"] == 0
+    os.kill(first["standby"]["pid"], 9)
+    until(lambda: processes()["standby"]["restarts"] == 1, "the standby is replaced")
+    assert visitor.http.get("/robots/nobody/tree").status_code == 404
 
 
 def test_another_device_gets_in_by_a_code(tmp_path: Path, cli: Command) -> None:

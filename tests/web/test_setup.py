@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from tests.calibration.hands import JOINTS, registers_of
 from tests.cli.command import Command
 
 from .browser import PATIENCE_S, Visitor
-from .conftest import Bench
 from .serving import console_of
 
 TO_RAD, SWEPT_DEGREES = 0.6, 20.0
@@ -107,7 +105,6 @@ def test_a_page_that_closes_ends_its_command_and_nothing_is_written(
         ({"type": "calibrate", "robot": "so11", "port": "/dev/null"}, "so101?"),
         ({"type": "calibrate", "robot": "--undo", "port": "/dev/null"}, "'--undo' is not known"),
         ({"type": "setup-motors", "robot": "so101", "port": "/dev/null", "joints": ["knee"]}, "has no knee"),
-        ({"type": "drill", "robot": "so101", "port": "/nowhere", "id": "my arm"}, "id is 'my arm'"),
     ],
 )
 def test_what_a_command_refuses_is_shown(shared_visitor: Visitor, order: dict[str, Any], problem: str) -> None:
@@ -157,20 +154,3 @@ def test_ports_kinds_and_the_state_of_this_computer(shared_visitor: Visitor) -> 
     assert kinds["koch_leader"]["joints"] and not kinds["koch_leader"]["drills"] and not kinds["ur5e"]["joints"]
     checks = shared_visitor.order("/setup/doctor")["checks"]
     assert {"python", "zenoh", "serial"} <= {check["name"] for check in checks}
-
-
-def test_the_tree_of_a_robot_shows_processes_and_restarts(bench: Bench) -> None:
-    visitor = bench.visitor
-
-    def processes() -> dict[str, dict[str, Any]]:
-        answer = visitor.http.get("/robots/so101/tree")
-        assert answer.status_code == 200, answer.text
-        tree = answer.json()
-        assert any(actor["address"].endswith("/actor/gate") for actor in tree["actors"])
-        return {process["role"]: process for process in tree["processes"]}
-
-    first = processes()
-    assert first["root"]["state"] == "running" and first["standby"]["restarts"] == 0
-    os.kill(first["standby"]["pid"], 9)
-    until(lambda: processes()["standby"]["restarts"] == 1, "the standby is replaced")
-    assert visitor.http.get("/robots/nobody/tree").status_code == 404
