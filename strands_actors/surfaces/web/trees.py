@@ -11,6 +11,7 @@ from starlette.routing import Route
 from strands_actors.caller.handle import envelopes
 from strands_actors.caller.processes import directory
 from strands_actors.caller.processes.directory import Directory
+from strands_actors.caller.processes.run_directory import Note
 from strands_actors.kernel.processes.process import state_of
 from strands_actors.supervisors.root.messages import TreeReport
 
@@ -60,7 +61,7 @@ class Trees:
         reports: dict[str, TreeReport] = {}
         async with trio.open_nursery() as nursery:
 
-            async def ask(note: directory.Note) -> None:
+            async def ask(note: Note) -> None:
                 reports[note.robot] = await joined.tree(note)
 
             for note in joined.notes:
@@ -86,7 +87,7 @@ class Trees:
             raise Bad(
                 404,
                 f"{robot} does not run on the computer of this console, under the same user. "
-                f"`strands-actors tree` shows its actors there.",
+                "`strands-actors tree` shows its actors there.",
             )
         tree = envelopes.tree(report)
         for process in tree["processes"]:
