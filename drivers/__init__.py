@@ -12,6 +12,7 @@ import importlib
 import inspect
 import os
 import re
+import threading
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
@@ -166,13 +167,26 @@ _with_driver_class: set[str] = (
 _robots: dict[str, Registered] = {}
 _aliases: dict[str, str] = {}
 _loaded = False
+_loading = threading.RLock()
+_is_loading = False
 
 
 def _load() -> None:
-    global _loaded
+    global _loaded, _is_loading
     if _loaded:
         return
-    _loaded = True
+    # Another thread waits until all drivers are there. The thread that loads them may come here again.
+    with _loading:
+        if _loaded or _is_loading:
+            return
+        _is_loading = True
+        try:
+            _load_all()
+        finally:
+            _is_loading, _loaded = False, True
+
+
+def _load_all() -> None:
     # This import takes 9 ms, so it is not at the top of the module. The processes of a robot never need it, since
     # they get the location of their driver class.
     from importlib.metadata import entry_points
@@ -201,7 +215,7 @@ def _load() -> None:
             _aliases.setdefault(robot_type.type, robot)
     _with_driver_class.update(_registered)
     for wire, reason in sorted(_broken.items()):
-        warnings.warn(f"driver {wire} cannot be used: {reason}", stacklevel=3)
+        warnings.warn(f"driver {wire} cannot be used: {reason}", stacklevel=4)
 
 
 def broken_drivers() -> dict[str, str]:
