@@ -86,7 +86,7 @@ class Confirm(msgspec.Struct, tag="confirm"):
 
 
 class Consent(msgspec.Struct, tag="consent"):
-    """The person is asked to consent to what the text describes, by answering with ``word``."""
+    """The person is asked to consent to the text, by answering with ``word``."""
 
     number: int
     text: str
@@ -100,7 +100,7 @@ class Step(msgspec.Struct, tag="step"):
 
 
 class Dialogue:
-    """Asks a program. Make it in the main thread: it makes the end of the input an interrupt of this thread."""
+    """Asks a program. Make it in the main thread. The end of the input interrupts this thread."""
 
     def __init__(self) -> None:
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()

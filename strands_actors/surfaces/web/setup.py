@@ -1,8 +1,8 @@
 """Set up a robot from the page: ports, doctor, calibration, ids of motors, drill.
 
-Each is the command of the same name, in a process of its own. The command asks its questions in lines of JSON
+Each is the command of the same name, in a separate process. The command asks its questions in lines of JSON
 (``--dialogue``), and the WebSocket of a page carries them. When the page is closed, the command gets the end of its
-input, which counts as Ctrl-C: it ends as safely as in a terminal.
+input, which counts as Ctrl-C. So it ends as safely as in a terminal.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class Setup:
                 nursery.cancel_scope.cancel()
 
             async def watch() -> None:
-                while self._access.holds(session):  # noqa: ASYNC110  # a revocation wakes nobody
+                while self._access.holds(session):  # noqa: ASYNC110  # no event reports its end
                     await trio.sleep(LOOK_S)
                 nursery.cancel_scope.cancel()
 
@@ -203,7 +203,7 @@ class Setup:
 
 
 def kinds() -> list[Kind]:
-    """Return what can be set up. The first call imports all drivers, so do not call it in an event loop."""
+    """Return the types that can be set up. The first call imports all drivers, so do not call it in an event loop."""
     classes = {name: get_native_driver_class(name) for name in list_native_drivers()}
     leaders = list_leaders()
     return [
@@ -237,7 +237,7 @@ async def _command(arguments: list[str]) -> AsyncIterator[trio.Process]:
             await process.stdin.aclose()
             with trio.move_on_after(END_S):
                 async for _ in _lines(process):
-                    pass  # Read what it still says, so that it never waits for us.
+                    pass  # Read the rest, so that the command never waits for us.
                 await process.wait()
             if process.returncode is None:
                 process.kill()

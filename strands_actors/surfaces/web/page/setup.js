@@ -22,7 +22,7 @@ export class SetUp {
     this.place = el("div")
     this.doctor = el("button", {onclick: () => this.check()}, "check this computer")
     this.root = el("div", {class: "setup"}, el("h1", {}, "Set up"),
-      el("section", {class: "below"}, el("h2", {}, "What is plugged in"),
+      el("section", {class: "below"}, el("h2", {}, "Ports"),
         el("p", {class: "hint"}, "Which adapter is which? Unplug one: its line says so. Then plug it in again."), this.ports),
       el("section", {class: "below"}, el("div", {class: "row"}, el("h2", {}, "This computer"), this.doctor), this.checks),
       el("section", {class: "below wide"}, this.portNames, this.place))
