@@ -203,7 +203,7 @@ class Setup:
 
 
 def kinds() -> list[Kind]:
-    """Return the types that can be set up. The first call imports all drivers, so do not call it in an event loop."""
+    """Return the types that can be set up. The first call imports all drivers, so call it in a thread."""
     classes = {name: get_native_driver_class(name) for name in list_native_drivers()}
     leaders = list_leaders()
     return [
