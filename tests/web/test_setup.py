@@ -130,6 +130,7 @@ def test_a_page_drills_a_simulated_arm(shared_visitor: Visitor) -> None:
     assert result["robot"] == "so101" and len(result["figures"]) == len(steps)
 
 
+@pytest.mark.long
 def test_new_servos_get_their_ids(visitor: Visitor, tmp_path: Path) -> None:
     with Twin("so101", tmp_path) as twin:
         others = [f"off:{number}" for number in range(1, 6)]
