@@ -53,7 +53,7 @@ class XArmHand:
         self._readings = _READINGS if self._has_fingers else _VACUUM_READINGS
         self._control: Control | None = None
         self._requests: dict[int, int] = {}  # register of each reading without a reply, by number of the request
-        self._asked_ns = self._written_ns = 0
+        self._request_ns = self._written_ns = 0
         self._last: tuple[float, float] | None = None  # opening and speed of the last command
         self._speed = -1  # the speed that the gripper has
         self.opening = math.nan
@@ -105,10 +105,10 @@ class XArmHand:
             control.take_waiting()
             if control.silent_s(now_ns) > self._config.silent_s:
                 self.fault = NO_ANSWER
-            if not self._requests and now_ns - self._asked_ns >= READ_EVERY_S * NS:
+            if not self._requests and now_ns - self._request_ns >= READ_EVERY_S * NS:
                 for register, data, which in self._readings:
                     self._requests[control.send(register, data)] = which
-                self._asked_ns = now_ns
+                self._request_ns = now_ns
         except WireDown as down:
             self.fault = str(down)
             self.close()

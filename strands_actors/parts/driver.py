@@ -154,13 +154,13 @@ class PartsDriver(Driver):
             return texts.empty_action(keys)
         by_part: dict[str, dict[str, Any]] = {}
         for key, value in action.items():
-            found = self._find.get(key.removesuffix(".pos")) if isinstance(key, str) else None
-            if found is None:
+            place = self._find.get(key.removesuffix(".pos")) if isinstance(key, str) else None
+            if place is None:
                 return texts.unknown_joint(str(key)[:SHOWN] or "''", self.robot, keys)
-            own = by_part.setdefault(found[0], {})
-            if found[1] in own:
+            own = by_part.setdefault(place[0], {})
+            if place[1] in own:
                 return texts.both_spellings(str(key).removesuffix(".pos"))
-            own[found[1]] = value
+            own[place[1]] = value
         values: list[float] = []
         named: list[int] = []
         until_ns = 0
@@ -183,8 +183,8 @@ class PartsDriver(Driver):
 
     def commanded(self, action: Mapping[str, Any], values: Any) -> dict[str, Any]:
         target = self.as_json(values[: len(self.axes)])
-        found = (self._find.get(str(key).removesuffix(".pos")) for key in action)
-        named = {self._key(*each) for each in found if each is not None}
+        places = (self._find.get(str(key).removesuffix(".pos")) for key in action)
+        named = {self._key(*each) for each in places if each is not None}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
 
     def _key(self, part: str, key: str) -> str:

@@ -151,8 +151,8 @@ class PartsWire(Wire):
         answer = await self._links.ask(part, AttachProgram(os.getpid()), ASK_S, Root)
         if not isinstance(answer, Hosted):
             self._down = f"{part.name}: its root process does not let this robot command it"
-        known = self._parts[part.name]
-        known.status, known.epoch, known.odd = status, status.epoch, ""
+        member = self._parts[part.name]
+        member.status, member.epoch, member.odd = status, status.epoch, ""
 
     async def _beat(self) -> None:
         while True:
@@ -259,8 +259,8 @@ class PartsWire(Wire):
         permit.check()
 
         async def send(part: PartConfig) -> str:
-            known = self._parts[part.name]
-            if known.lease is None:
+            member = self._parts[part.name]
+            if member.lease is None:
                 return "it has no lease"
             action: dict[str, Any] = {
                 key: value
@@ -269,7 +269,7 @@ class PartsWire(Wire):
             }
             period_s = 1.0 / part.timing.control_hz if self.streamed else 0.0
             latched = not self.expires_ns
-            setpoint = Setpoint(known.lease.id, known.epoch, deadline_ns, action, period_s, latched)
+            setpoint = Setpoint(member.lease.id, member.epoch, deadline_ns, action, period_s, latched)
             try:
                 answer = await self._links.ask(part, setpoint, WRITE_S)
             except (AskTimeout, Unreachable) as failure:
@@ -302,11 +302,11 @@ class PartsWire(Wire):
         try:
 
             async def order(part: PartConfig) -> tuple[MotorReport, ...]:
-                known = self._parts[part.name]
-                odd = known.odd
-                reports = await self._order(known, reason, holds, lock, by)
+                member = self._parts[part.name]
+                odd = member.odd
+                reports = await self._order(member, reason, holds, lock, by)
                 if keep_odd:
-                    known.odd = odd
+                    member.odd = odd
                 return reports
 
             return tuple(itertools.chain.from_iterable(await self._links.each(order)))

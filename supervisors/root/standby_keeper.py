@@ -1,4 +1,4 @@
-"""Keep a standby process running, with its own stop channel, and report when there is none. The standby is the
+"""Keep a standby process running, with its own stop channel, and report its absence. The standby is the
 third process, which stops the robot when root and wire have ended.
 
 Without a standby the gate arms nothing (it refuses with ``no_standby``). A robot that already moves continues while
@@ -58,7 +58,7 @@ class StandbyKeeper:
     """Keep the standby of one robot running.
 
     Attributes:
-        process: The running standby; None while there is none.
+        process: The running standby, or None.
         starts: Number of starts.
         on_lost: Called with the reason when the standby has ended.
         on_begun: Called when a new standby runs and needs a stop channel.
@@ -89,7 +89,7 @@ class StandbyKeeper:
         self._wire: ChildProcess | None = None
         self._own_pidfd = os.pidfd_open(os.getpid()) if hasattr(os, "pidfd_open") else None
         self._watching = False
-        # Notices that the running standby sends no heartbeats; None while none runs.
+        # Notices that the running standby sends no heartbeats; None without a running standby.
         self._detector: FailureDetector | None = None
         self._began_ns = 0
         self.process: ChildProcess | None = None

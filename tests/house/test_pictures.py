@@ -27,6 +27,9 @@ DRAWN_GROUPS = 3
 SCREENSHOTS = {"console.png"}
 """Pictures that no code of the documentation makes."""
 
+MEASURED = {"fleet.svg"}
+"""Curves that ``python -m benchmarks.sides.scale --write`` draws."""
+
 FIRST = ("so101", "unitree_g1", "crazyflie")
 """Robots of different kinds: a fixed arm, a walking robot on its feet, a flying robot."""
 
@@ -91,6 +94,7 @@ def test_each_robot_has_its_picture_and_all_are_small() -> None:
         *(f"{robot}.png" for robot in facts.robots()),
         *(file for file, _ in command.OTHERS.values()),
         *SCREENSHOTS,
+        *MEASURED,
     }
     assert {file.name for file in PICTURES.iterdir()} == names
     assert set(robots.poses()) <= set(facts.robots())

@@ -33,8 +33,8 @@ class Directory:
 
     def entry(self, name: str) -> Message:
         """Return the reply to ``GetServiceEntry``."""
-        found = next((one for one in self.entries() if one["name"] == name), None)
-        return {"status": REFUSED} if found is None else {"status": p.OK, "service_entry": found}
+        entry = next((one for one in self.entries() if one["name"] == name), None)
+        return {"status": REFUSED} if entry is None else {"status": p.OK, "service_entry": entry}
 
     def register(self, request: Message, is_new: bool) -> Message:
         """Return the reply to ``RegisterService`` or, for an entry that is not new, to ``UpdateService``."""

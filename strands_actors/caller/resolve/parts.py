@@ -50,8 +50,7 @@ def parts_plan(arguments: RobotArguments, driver_class: type[Driver], plan_of: C
         try:
             made = plan_of(robot, id=f"{arguments.tool_name}_{part}", **keywords, **_ends(arguments, robot, own))
         except (ValueError, TypeError) as failure:
-            text = str(failure).removeprefix("Robot: ")
-            raise type(failure)(f"Robot: part {part} of {name}: {text}") from None
+            raise type(failure)(f"{failure} (part {part} of {name})") from None
         if not issubclass(made.driver_class, Driver) or not made.driver_class(made.robot, "", made.options).table:
             raise ValueError(
                 f"Robot: part {part} of {name}: {robot} cannot be a part. Give a robot with a driver here"

@@ -39,7 +39,7 @@ class Answer(msgspec.Struct, forbid_unknown_fields=True):
     text: str = ""
 
 
-class Said(msgspec.Struct, tag="said"):
+class Text(msgspec.Struct, tag="said"):
     """A text for the person that needs no answer."""
 
     text: str
@@ -104,14 +104,14 @@ class Dialogue:
 
     def __init__(self) -> None:
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
-        self._asked = 0
+        self._question = 0
         self._next_moved_s = 0.0
         # A program that was started in the background ignores SIGINT, and so would its children.
         signal.signal(signal.SIGINT, signal.default_int_handler)
         threading.Thread(target=self._read, name="answers", daemon=True).start()
 
     def say(self, text: str) -> None:
-        _send(Said(text))
+        _send(Text(text))
 
     instruct = say
 
@@ -147,8 +147,8 @@ class Dialogue:
             _send(Moved(joint, None if expected is None else _degrees(expected), degrees))
 
     def _number(self) -> int:
-        self._asked += 1
-        return self._asked
+        self._question += 1
+        return self._question
 
     async def _ask(self, question: Ready | Confirm | Consent) -> str:
         _send(question)

@@ -1,6 +1,6 @@
 """Collect what robots publish about a stop, until the stop can be shown as a trace. Pure: no clock, no I/O.
 
-The topic ``state`` has the result of the last stop, whatever ordered it. The topic ``strands/safety/event`` has the
+The topic ``state`` has the result of the last stop. The topic ``strands/safety/event`` has the
 sender of an order that came over the mesh. A stop is complete ``GRACE_S`` after the first of the two, since the
 other follows within a period of ``state``. The stops of several robots by one order, such as an e-stop for all
 robots, have the same ``Order``.
@@ -61,7 +61,7 @@ class Stop(msgspec.Struct):
 
     @property
     def order(self) -> Order | None:
-        """The order that came over the mesh; None if there is none, or if it cannot be identified."""
+        """The order that came over the mesh; None without one, or if it cannot be identified."""
         event = self.event
         return Order(event.sender, event.turn) if event is not None and event.sender and event.turn else None
 

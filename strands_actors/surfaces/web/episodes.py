@@ -44,7 +44,7 @@ class Listed(msgspec.Struct, frozen=True):
 
 
 class ListedEpisode(msgspec.Struct, frozen=True):
-    """An episode in the list. ``defects`` is empty if there are none. ``cameras`` have pictures."""
+    """An episode in the list. ``defects`` is empty for a good episode. ``cameras`` have pictures."""
 
     number: int
     task: str
@@ -155,7 +155,7 @@ def track_of_episode(root: Path, number: int) -> Track:
             measured = [[_number(value) for value in line] for line in values[:, columns].tolist()]
     robot_type = played.robot_type.removeprefix(OURS)
     units = _units_of(robot_type) if played.units else {}
-    times = [at / played.hz for at in range(len(commanded))]
+    times = [step / played.hz for step in range(len(commanded))]
     return _thinned(Track(robot_type, played.task, played.joints, units, times, measured, commanded))
 
 
@@ -189,12 +189,12 @@ def track_of_recording(file: Path) -> Track:
                 commanded.append([_number(goal.get(joint)) for joint in joints])
     driver = driver_from(attached)
     units = dict(zip(driver.axes, driver.model_units(), strict=True))
-    since = [at - times[0] for at in times]
+    since = [time_s - times[0] for time_s in times]
     return _thinned(Track(recording.info.kind, recording.info.robot, joints, units, since, measured, commanded))
 
 
 def picture_of(root: Path, number: int, camera: str) -> bytes | None:
-    """Return the first picture of an episode as a small JPEG; None if the camera has none.
+    """Return the first picture of an episode as a small JPEG; None if the camera took no picture.
 
     Raises:
         RecordingError: The dataset or the video cannot be read.

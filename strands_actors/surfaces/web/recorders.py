@@ -213,27 +213,27 @@ class Recorders:
         return {"recorder": None if recorder is None else recorder.shown()}
 
     async def _open(self, request: Request, session: Session) -> dict[str, Any]:
-        robot, wanted = robot_of(request), await body(request, OpenOrder)
+        robot, options = robot_of(request), await body(request, OpenOrder)
         if reason := missing("dataset", "recording"):
             raise Bad(409, reason)
-        if not NAME.fullmatch(wanted.dataset):
+        if not NAME.fullmatch(options.dataset):
             raise Bad(400, "A dataset has a name of 1 to 64 letters, digits, dots and dashes, such as pick-cube.")
-        if not wanted.task.strip():
+        if not options.task.strip():
             raise Bad(400, "The task is missing. Give a sentence, such as: pick the cube up.")
         before = self._recorders.get(robot)
         if before is not None and not before.has_ended:
             raise Bad(409, f"A recorder of {robot} runs already. End it first.")
-        asked = Order(robot, str(self._folder / wanted.dataset), wanted.task, wanted.fps, wanted.cameras)
+        recording = Order(robot, str(self._folder / options.dataset), options.task, options.fps, options.cameras)
         await trio.Path(self._folder).mkdir(parents=True, exist_ok=True)
         process = await trio.lowlevel.open_process(
-            [*PYTHON, "-m", CHILD, msgspec.json.encode(asked).decode()],
+            [*PYTHON, "-m", CHILD, msgspec.json.encode(recording).decode()],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=environment(),
             start_new_session=True,  # Ctrl-C goes to this server, which then ends the recorder.
         )
-        recorder = self._recorders[robot] = Recorder(process, wanted.dataset, wanted.task, self._now_s)
+        recorder = self._recorders[robot] = Recorder(process, options.dataset, options.task, self._now_s)
         self._nursery.start_soon(recorder.attend)
         with trio.move_on_after(READY_S):
             await recorder.is_ready.wait()

@@ -141,13 +141,13 @@ class Seat:
             await trio.sleep(PERIOD_S)
 
     async def _step(self, frame: Frame) -> Step:
-        """Return what follows from a message. The joints of a tool's motion are computed in a thread."""
+        """Return the next step of the motion. The joints of a tool's motion are computed in a thread."""
         if any(frame.values.get(key) for key in POSE_KEYS):
             return await trio.to_thread.run_sync(self._machine.step, frame, self._now_ns())
         return self._machine.step(frame, self._now_ns())
 
     def _start(self, joints: Mapping[str, Any]) -> dict[str, float]:
-        """Return the position of each axis that can be jogged. An axis that this robot lacks has none."""
+        """Return the position of each axis that can be jogged. Axes that this robot lacks are left out."""
         start = {}
         for axis in self._axes:
             measured = axis.rest if axis.mode is AxisMode.VELOCITY else finite(joints.get(axis.key))
