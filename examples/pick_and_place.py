@@ -11,6 +11,7 @@ python examples/pick_and_place.py ur5e
 import contextlib
 import json
 import sys
+from typing import Any
 
 from strands import Agent
 from strands.models import Model
@@ -25,7 +26,7 @@ DOWN = {"so101": {"rpy": [0, 90, 0]}, "ur5e": {"rpy": [180, 0, 90]}}
 CUBES = {"so101": ([0.22, -0.05, 0.015], 0.03, 0.03), "ur5e": ([-0.49, -0.13, 0.025], 0.05, 0.2)}
 """The cube in the reach of each arm: position and edge in m, mass in kg."""
 # The driver of a UR asks the operator before an agent moves it. A simulated one needs no approval.
-ARMS = {"so101": {}, "ur5e": {"gripper": "robotiq_2f85", "guarded": ()}}
+ARMS: dict[str, dict[str, Any]] = {"so101": {}, "ur5e": {"gripper": "robotiq_2f85", "guarded": ()}}
 OPENED = {"so101": 40.0, "ur5e": 100.0}
 """How far each gripper opens, in percent."""
 CLOSED = 0.0

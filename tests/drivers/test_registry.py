@@ -69,8 +69,9 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
 
 def test_constructor_keywords_are_those_of_the_driver_and_ours() -> None:
     ours = ["cameras", "data_config", "id", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
+    gripper = ["gripper", "gripper_activate", "gripper_driven", "gripper_force", "gripper_speed"]
     assert constructor_keywords(UR) == sorted(
-        [*ours, "control", "control_frequency", "gripper", "model", "rtde_frequency"]
+        [*ours, "control", "control_frequency", *gripper, "model", "rtde_frequency"]
     )
     servos = ["baud", "baud_rate", "calibration", "max_jump", "max_relative_target", "motor_ids", "timeout"]
     ends = ["lower_s", "on_exit", "rest"]

@@ -58,7 +58,7 @@ WAIT_S = 0.3
 
 
 def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
-    async def reach(self: Transport, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
+    async def reach(self: Transport, safe_state: str, reason: str, began_ns: int) -> tuple[MotorReport, ...]:
         return ()
 
     patch.setattr(Transport, "_reach", reach)

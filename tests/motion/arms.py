@@ -38,7 +38,9 @@ class Desk(NamedTuple):
         for axis, value in zip(self.units.axes, self.units.values(rad), strict=True):
             position[axis] = value
         before = observed(self.driver)
-        reading = type(before)(NOW_NS, tuple(position), before.stamp_ns, before.faults, before.sensors)
+        reading = type(before)(
+            NOW_NS, tuple(position), before.stamp_ns, before.velocity, before.sensors, before.faults
+        )
         return RobotReading(reading, tuple(position), NOW_NS)
 
     def planned(self, rad: Array | None = None, **pose: object) -> PosePlan | Refused:

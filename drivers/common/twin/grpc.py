@@ -54,7 +54,9 @@ class ServerCall:
             self.client.connection.abort()
 
     def end(self, status: Status = Status.OK, text: str = "") -> None:
-        """End the call. Does nothing if it has ended."""
+        """End the call. Does nothing if it has ended, also by the client, whose connection may be closed."""
+        if not self.is_open:
+            return
         self.is_open = False
         self.client.end.end(self._stream, status, text)
 

@@ -84,7 +84,11 @@ def test_a_recording_replays_with_equal_decisions_and_holds_no_password(arm: Rea
     outcome = replay(recording)
     assert outcome.equal, outcome.difference
     assert outcome.gaps == 0 and outcome.steps > 100
-    assert recording.info.attached.driver["options"] == {"username": "me", "control_frequency": 40.0}
+    assert recording.info.attached.driver["options"] == {
+        "username": "me",
+        "control_frequency": 40.0,
+        "gripper": None,
+    }
     assert PASSWORD not in str(recording)
 
 

@@ -22,7 +22,7 @@ KINDS = {1: "double", 2: "float", 3: "int", 4: "uint", 5: "int", 8: "bool", 9: "
 
 MODULES = (
     *("auth", "directory", "time_sync", "estop", "lease", "power", "robot_state", "robot_command", "robot_id"),
-    *("image", "data_buffer"),
+    *("image", "data_buffer", "fault", "directory_registration"),
 )
 
 

@@ -196,8 +196,10 @@ def test_saf_014_the_gate_also_checks_joints_that_are_not_named() -> None:
 def test_it_is_registered_and_declares_its_keywords() -> None:
     assert get_native_driver_class("xarm7") is XArm
     assert set(XArm.OPTIONS) == {"control_frequency", "gripper", "gripper_speed"}
-    assert XArm.resolve("xarm7", {}) == {"control_frequency": 100.0}
-    assert XArm.resolve("xarm7", {"control_frequency": 50, "tool_name": "left"}) == {"control_frequency": 50.0}
+    usual = {"control_frequency": 100.0, "gripper": None, "gripper_speed": 100.0}
+    assert XArm.resolve("xarm7", {}) == usual
+    resolved = XArm.resolve("xarm7", {"control_frequency": 50, "tool_name": "left"})
+    assert resolved == {**usual, "control_frequency": 50.0}
     assert [verb.name for verb in XArm.TOOL_VERBS] == ["sensors", "state", "status", "get_pose", "move_to", "stop"]
     assert XArm.GUARDED == ("move_to",)
 
