@@ -60,7 +60,8 @@ WAYS_RAD = (-0.6, 0.6)
 WAY_S = 8
 PUBLISHED, MOVES_S = 10, 2.0
 """How often a trajectory is published until the arm moves, and the time between. ROS keeps no message for a
-subscription that the router does not know yet, and a new bridge's may be so."""
+subscription that the router does not know yet. On a busy computer the first setpoint may expire, which is a hold
+until the next resume."""
 QUIET_S = 0.5
 """How long no setpoint may follow the hold."""
 MODULE = "benchmarks.sides.ros2"
@@ -235,9 +236,9 @@ def breaks(arm: Arm, program: Program, endpoint: str, count: int) -> dict[str, f
         with running("-c", COMMAND, "ros2", "--router", endpoint, "--allow-motion", STOPPED) as bridge:
             shown = program.counts[f"/{STOPPED}/joint_states"]
             until(lambda: program.counts[f"/{STOPPED}/joint_states"] > shown, "the arm on the graph")  # noqa: B023
-            until(lambda: program.trigger(f"/{STOPPED}/resume")[0], "it is armed")
             began_ns = time.monotonic_ns()
             for _ in range(PUBLISHED):
+                until(lambda: program.trigger(f"/{STOPPED}/resume")[0], "it is armed")
                 program.follow(f"/{STOPPED}/joint_trajectory", "shoulder_pan", WAYS_RAD[number % 2])
                 if moves(arm, began_ns):
                     break
