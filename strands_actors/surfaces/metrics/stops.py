@@ -1,8 +1,8 @@
 """Collect what robots publish about a stop, until the stop can be shown as a trace. Pure: no clock, no I/O.
 
-The topic ``state`` has the result of the last stop. The topic ``strands/safety/event`` has the
-sender of an order that came over the mesh. A stop is complete ``GRACE_S`` after the first of the two, since the
-other follows within a period of ``state``. The stops of several robots by one order, such as an e-stop for all
+The topic ``state`` has the result of the last stop. The topic ``strands/safety/event`` has the sender of an order
+that came over the mesh. A stop is complete ``GRACE_S`` after the first of the two, since the other follows within a
+period of ``state``. The stops of several robots by one order, such as an e-stop for all
 robots, have the same ``Order``.
 """
 

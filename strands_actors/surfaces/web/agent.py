@@ -19,6 +19,7 @@ from starlette.routing import Route
 
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.lines import lines_of
 
 from . import agent_process
 from .access import Role, Session
@@ -122,17 +123,12 @@ class AgentPanel:
     async def _read(self, process: trio.Process) -> None:
         """Take the lines of the process. It runs the user's code, so a line may be anything."""
         assert process.stdout is not None
-        rest = b""
-        async for part in process.stdout:
-            *lines, rest = (rest + part).split(b"\n")
-            for line in lines:
-                try:
-                    entry = msgspec.json.decode(line, type=Entry)
-                except (msgspec.MsgspecError, UnicodeDecodeError):
-                    continue
-                self._put(msgspec.structs.replace(entry, text=_plain(entry.text), tool=harmless(entry.tool)))
-            if len(rest) > LONGEST_LINE:
-                return
+        async for line in lines_of(process.stdout, LONGEST_LINE):
+            try:
+                entry = msgspec.json.decode(line, type=Entry)
+            except (msgspec.MsgspecError, UnicodeDecodeError):
+                continue
+            self._put(msgspec.structs.replace(entry, text=_plain(entry.text), tool=harmless(entry.tool)))
 
 
 def _kill(process: trio.Process) -> None:

@@ -13,11 +13,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from strands_actors.contract.driver import Driver
 from strands_actors.contract.shown import harmless
-from strands_actors.drivers import get_native_driver_class
-from strands_actors.supervisors.loading import build_driver
 from strands_actors.surfaces.recording.errors import RecordingError
+
+from .types import driver_of
 
 OURS = "strands_"
 """Prefix of a robot's type in a dataset of this package."""
@@ -214,14 +213,8 @@ def picture_of(root: Path, number: int, camera: str) -> bytes | None:
 
 
 def _units_of(robot_type: str) -> Units:
-    driver_class: type[Driver] | None = get_native_driver_class(robot_type)
-    if driver_class is None:
-        return {}
-    try:
-        driver = build_driver(driver_class, robot_type, "", driver_class.resolve(robot_type, {}))
-    except ValueError:  # A robot of this type needs options, which the dataset does not state.
-        return {}
-    return dict(zip(driver.axes, driver.model_units(), strict=True))
+    driver = driver_of(robot_type)
+    return {} if driver is None else dict(zip(driver.axes, driver.model_units(), strict=True))
 
 
 def _number(value: float | None) -> float | None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Protocol
 
 import msgspec
 import trio
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from strands_actors.caller.processes.background import open_background
 from strands_actors.contract.axis import Axis
@@ -25,19 +25,12 @@ from strands_actors.surfaces.mesh.client import MeshClient
 from .access import Access, Role, Session
 from .robots import Robots, Watched
 from .seat import Hands, Seat, axis_of
+from .sockets import BAD_MESSAGE, DISCONNECTED, ENDED, LONGEST_MS, send
 from .tools import Tools
 
 FLEET_S = 0.5
 STATE_S = 0.1
-SEND_S = 5.0
-"""A page that has not read a message after this time is disconnected."""
 MOST_AXES = 64
-LONGEST_MS = 1e12
-"""Greatest time of a page's clock (about 30 years)."""
-BAD_MESSAGE = 1003
-"""Code with which the connection of a page that sends something else is closed (RFC 6455, 7.4.1)."""
-ENDED = 1008
-"""The same after the end of the session."""
 
 
 class Watch(msgspec.Struct, tag="watch", forbid_unknown_fields=True):
@@ -121,8 +114,7 @@ class Conversation:
 
     async def run(self) -> None:
         """Serve the page until it disconnects. A robot that it moves holds its position then."""
-        with contextlib.suppress(WebSocketDisconnect, trio.TooSlowError, RuntimeError):
-            # Starlette raises RuntimeError if the page disconnects while a message is sent.
+        with contextlib.suppress(*DISCONNECTED):
             async with open_background() as nursery:
                 self._nursery = nursery
                 async with trio.open_nursery() as both:
@@ -200,7 +192,7 @@ class Conversation:
             now = trio.current_time()
             if now >= next_fleet:
                 next_fleet = now + FLEET_S
-                await self._send_text(self._robots.fleet())
+                await send(self._socket, self._robots.fleet())
             for index, (feed, shown_count) in enumerate(self._shown):
                 if feed.count != shown_count:
                     self._shown[index] = feed, feed.count
@@ -227,8 +219,4 @@ class Conversation:
             await self._send({"type": "events", "robot": robot.name, "events": events})
 
     async def _send(self, message: dict[str, Any]) -> None:
-        await self._send_text(_encode(message).decode())
-
-    async def _send_text(self, text: str) -> None:
-        with trio.fail_after(SEND_S):
-            await self._socket.send_text(text)
+        await send(self._socket, _encode(message).decode())

@@ -20,7 +20,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from strands_actors.caller.processes.run_directory import data_dir
 from strands_actors.contract.stop_words import asks_for_stop
@@ -32,8 +32,8 @@ from .access import Access, Denied
 from .certificates import certificate_for
 from .doors import LOCAL_NAMES, open_door, serve_doors
 from .guard import Guard, visit_of
-from .live import BAD_MESSAGE, ENDED, LONGEST_MS
 from .pages import as_attribute, as_denied, device_of, let_in, page_of, serve_file
+from .sockets import BAD_MESSAGE, DISCONNECTED, ENDED, LONGEST_MS, send
 
 _log = logging.getLogger("strands_actors")
 
@@ -48,8 +48,6 @@ STOPPED_SHOWN_S = 20.0
 STOP_REQUESTED = "asked, not confirmed yet"
 GONE = "gone"
 TAKEN = "another browser operates the robot. Close its page first"
-DISCONNECTED = (WebSocketDisconnect, RuntimeError)
-"""Starlette raises RuntimeError if the page disconnects while a message is sent."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'none'"
@@ -228,9 +226,8 @@ class OperatorPage:
 
     async def _send_status(self, socket: WebSocket, scope: trio.CancelScope) -> None:
         """Send the data that the page shows, again and again. A page that reads nothing is disconnected."""
-        with contextlib.suppress(*DISCONNECTED, trio.TooSlowError):
+        with contextlib.suppress(*DISCONNECTED):
             while True:
-                with trio.fail_after(SEND_S):
-                    await socket.send_text(msgspec.json.encode(self._shown()).decode())
+                await send(socket, msgspec.json.encode(self._shown()).decode(), SEND_S)
                 await trio.sleep(STATUS_PERIOD_S)
         scope.cancel()

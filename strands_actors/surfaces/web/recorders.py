@@ -22,6 +22,7 @@ from starlette.routing import Route
 from strands_actors.contract.extras import missing
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.lines import lines_of
 from strands_actors.surfaces.dataset.order import Event, Order
 
 from .access import Role, Session
@@ -144,11 +145,8 @@ class Recorder:
     async def _read_events(self) -> None:
         stdout = self._process.stdout
         assert stdout is not None
-        rest = b""
-        async for piece in stdout:
-            *lines, rest = (rest + piece).split(b"\n")
-            for line in lines:
-                self._take(msgspec.json.decode(line, type=Event))
+        async for line in lines_of(stdout):
+            self._take(msgspec.json.decode(line, type=Event))
 
     async def _read_errors(self) -> None:
         stderr = self._process.stderr

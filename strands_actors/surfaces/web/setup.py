@@ -22,18 +22,17 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_leaders, list_native_drivers
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.lines import lines_of
 from strands_actors.surfaces.serial_ports import serial_ports
 
 from .access import Access, Role, Session
 from .answers import Bad, order
-from .live import BAD_MESSAGE, ENDED, SEND_S
+from .sockets import BAD_MESSAGE, DISCONNECTED, ENDED, send
 
 END_S = 30.0
 """How long a command may take to end by itself, in seconds. An arm that is lowered takes some of it."""
 LOOK_S = 0.25
 DOCTOR_S = 120.0
-_GONE = (WebSocketDisconnect, trio.TooSlowError, RuntimeError)
-"""The page has gone, or reads nothing. Starlette raises RuntimeError if it goes while a message is sent."""
 _COMMAND = "from strands_actors.surfaces.cli import main; main()"
 
 _Text = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
@@ -143,7 +142,7 @@ class Setup:
     async def _run(self, socket: WebSocket) -> None:
         session: Session = socket.state.session
         await socket.accept()
-        with contextlib.suppress(*_GONE):
+        with contextlib.suppress(*DISCONNECTED):
             if session.role is not Role.OPERATOR:
                 await socket.close(ENDED, "This device may look and stop. Only an operator may do this.")
                 return
@@ -156,7 +155,7 @@ class Setup:
                 with self._use(order.port):
                     await self._carry_out(socket, session, order)
             except Bad as bad:
-                await _send(socket, msgspec.json.encode({"error": str(bad)}))
+                await send(socket, msgspec.json.encode({"error": str(bad)}).decode())
                 await socket.close()
 
     @contextlib.contextmanager
@@ -194,10 +193,12 @@ class Setup:
 
             nursery.start_soon(answer)
             nursery.start_soon(watch)
-            with contextlib.suppress(*_GONE):
-                async for line in _lines(process):
-                    await _send(socket, line)
-                await _send(socket, msgspec.json.encode({"type": "ended", "code": await process.wait()}))
+            assert process.stdout is not None
+            with contextlib.suppress(*DISCONNECTED):
+                async for line in lines_of(process.stdout):
+                    await send(socket, line.decode())
+                ending = {"type": "ended", "code": await process.wait()}
+                await send(socket, msgspec.json.encode(ending).decode())
                 await socket.close()
             nursery.cancel_scope.cancel()
 
@@ -229,30 +230,16 @@ async def _command(arguments: list[str]) -> AsyncIterator[trio.Process]:
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C goes to the console, which then ends the command.
     )
-    assert process.stdin is not None
+    assert process.stdin is not None and process.stdout is not None
     try:
         yield process
     finally:
         with trio.CancelScope(shield=True):
             await process.stdin.aclose()
             with trio.move_on_after(END_S):
-                async for _ in _lines(process):
+                async for _ in process.stdout:
                     pass  # Read the rest, so that the command never waits for us.
                 await process.wait()
             if process.returncode is None:
                 process.kill()
                 await process.wait()
-
-
-async def _lines(process: trio.Process) -> AsyncIterator[bytes]:
-    assert process.stdout is not None
-    rest = b""
-    async for data in process.stdout:
-        *lines, rest = (rest + data).split(b"\n")
-        for line in lines:
-            yield line
-
-
-async def _send(socket: WebSocket, line: bytes) -> None:
-    with trio.fail_after(SEND_S):
-        await socket.send_text(line.decode())

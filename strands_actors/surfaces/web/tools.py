@@ -8,9 +8,8 @@ from collections.abc import Mapping
 import trio
 
 from strands_actors.caller.poses.tool_targets import ToolTargets
-from strands_actors.contract.driver import Driver
-from strands_actors.drivers import get_native_driver_class
-from strands_actors.supervisors.loading import build_driver
+
+from .types import driver_of
 
 Units = Mapping[str, tuple[float, float]]
 
@@ -44,14 +43,8 @@ class Tools:
 
 
 def _build(robot_type: str) -> tuple[ToolTargets, Units] | None:
-    driver_class: type[Driver] | None = get_native_driver_class(robot_type)
-    if driver_class is None:
-        return None
-    try:
-        driver = build_driver(driver_class, robot_type, "", driver_class.resolve(robot_type, {}))
-    except ValueError:  # A robot of this type needs options, which only its own program knows.
-        return None
-    if driver.arm_model({}) is None:
+    driver = driver_of(robot_type)
+    if driver is None or driver.arm_model({}) is None:
         return None
     return ToolTargets(driver), dict(zip(driver.axes, driver.model_units(), strict=True))
 

@@ -15,6 +15,7 @@ import msgspec
 import trio
 
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.lines import lines_of
 from strands_actors.surfaces.dataset.errors import DatasetError
 
 from .process import Status
@@ -110,13 +111,10 @@ class Follower:
             env=environment(),
             start_new_session=True,  # Ctrl-C on the terminal ends the recorder, which then ends this process.
         )
-        rest = b""
         assert self.process.stdout is not None
         try:
-            async for piece in self.process.stdout:
-                *lines, rest = (rest + piece).split(b"\n")
-                for line in lines:
-                    self._take(msgspec.json.decode(line, type=Status))
+            async for line in lines_of(self.process.stdout):
+                self._take(msgspec.json.decode(line, type=Status))
             await self.process.wait()
         except BaseException:
             self.process.kill()
