@@ -56,6 +56,8 @@ STARTS = 3
 """Attempts to start a trial. A machine that pauses may stop the robot before the fault."""
 PATIENCE_S = 5.0
 """Seconds to wait for the safe frame. On any wire it is a failure long before."""
+LOOK_S = 0.005
+"""Seconds between two looks at the log, or at a file. Times are read from the log, so this changes no result."""
 AWAY_S = 1.0
 """Seconds that a robot is frozen or its cable is out: longer than any wire takes to notice."""
 GOES_ON_S = 0.5
@@ -527,16 +529,28 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
         queue: Measures how long the processes wait for a processor. Its ``look`` is called while this function
             waits, because a process that has ended can no longer be measured.
     """
+    with contextlib.suppress(trio.TooSlowError):
+        await until_frame(log, lambda entry: entry.kind == "safe" and entry.t_ns >= since_ns, queue)
+
+
+async def until_frame(
+    log: WireLog, is_it: Callable[[Entry], bool], queue: Queue | None = None, within_s: float = PATIENCE_S
+) -> None:
+    """Wait until a frame for which ``is_it`` returns True is sent to the robot.
+
+    Each frame is read once: to read the whole log each time would take a processor that the robot's processes need.
+
+    Raises:
+        TooSlowError: No such frame came within ``within_s``.
+    """
     tail = log.tail()
 
     def look() -> bool:
-        queue.look()
-        return any(
-            entry.kind == "safe" and entry.sender == "host" and entry.t_ns >= since_ns for entry in tail.new()
-        )
+        if queue is not None:
+            queue.look()
+        return any(entry.sender == "host" and is_it(entry) for entry in tail.new())
 
-    with contextlib.suppress(trio.TooSlowError):
-        await until(look)
+    await until(look, within_s)
 
 
 async def until(look: Callable[[], T | None], within_s: float = PATIENCE_S) -> T:
@@ -546,7 +560,7 @@ async def until(look: Callable[[], T | None], within_s: float = PATIENCE_S) -> T
     """
     with trio.fail_after(within_s):
         while not (result := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
-            await trio.sleep(0.002)
+            await trio.sleep(LOOK_S)
     return result
 
 

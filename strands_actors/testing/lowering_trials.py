@@ -25,7 +25,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
 
 from .bench import Bench, Caller, NotMoving, extras_for
-from .cells import PATIENCE_S, SETTLE_S, Outcome, fall_ill, go_away, inflict, persevere, until, with_story
+from .cells import PATIENCE_S, SETTLE_S, Outcome, fall_ill, go_away, inflict, persevere, until_frame, with_story
 from .faults import RETURN_S, Cell, Victims, bound_s, spoils
 from .pair_trials import break_both, let_go
 from .pairs import APART_S, Pair, pair_bound_s
@@ -75,14 +75,15 @@ async def _break(bench: Bench, caller: Caller, cell: Cell | Pair, after_s: float
     caller.send_order("lower")
     began_ns: int = (await trio.to_thread.run_sync(caller.line))["at_ns"]
     try:
-        await until(lambda: log.host("lowering", began_ns))
+        await until_frame(log, lambda entry: entry.kind == "lowering" and entry.t_ns >= began_ns)
     except trio.TooSlowError:
         raise NotMoving("the arm is not lowered") from None
     await trio.sleep(after_s)
-    if _limp(log, began_ns) is not None:
-        raise NotMoving("the arm was down before the fault")
+    _require_lowering(log, began_ns)
     broken_ns, since_ns, queue = await _do(bench, caller, cell)
     await _until_limp(log, broken_ns, queue, bound + PATIENCE_S)
+    # The torque may have been switched off just before the fault, after the first look.
+    _require_lowering(log, began_ns, broken_ns)
     waited_ms = queue.waited_ms()
     await trio.sleep(settle_s)
     if cell.victim is Victims.TWIN:
@@ -116,18 +117,25 @@ async def _do(bench: Bench, caller: Caller, cell: Cell | Pair) -> tuple[int, int
 # -- the log
 
 
-async def _until_limp(log: WireLog, since_ns: int, queue: Queue, within_s: float) -> None:
-    def look() -> bool:
-        queue.look()
-        return _limp(log, since_ns) is not None
+def _require_lowering(log: WireLog, began_ns: int, broken_ns: float = math.inf) -> None:
+    """Raise ``NotMoving`` if the torque was switched off before the fault: the trial then shows nothing."""
+    limp = _limp(log, began_ns)
+    if limp is not None and limp.t_ns < broken_ns:
+        raise NotMoving("the arm was down before the fault")
 
+
+async def _until_limp(log: WireLog, since_ns: int, queue: Queue, within_s: float) -> None:
     with contextlib.suppress(trio.TooSlowError):
-        await until(look, within_s)
+        await until_frame(log, lambda entry: entry.t_ns >= since_ns and _is_limp(entry), queue, within_s)
 
 
 def _limp(log: WireLog, since_ns: int) -> Entry | None:
     """Return the first frame that switches the torque of the whole arm off."""
-    return next((entry for entry in log.host("safe", since_ns) if entry.safe_state == SafeState.LIMP), None)
+    return next((entry for entry in log.host("safe", since_ns) if _is_limp(entry)), None)
+
+
+def _is_limp(entry: Entry) -> bool:
+    return entry.kind == "safe" and entry.safe_state == SafeState.LIMP
 
 
 def _read(log: WireLog, cell: Cell | Pair, began_ns: int, broken_ns: int, since_ns: int, bound: float) -> Outcome:
@@ -154,5 +162,5 @@ def _moved(log: WireLog, began_ns: int, broken_ns: int) -> int:
         count += limp and (entry.kind in MOVING or is_hold)
         count += held and not limp and entry.kind == "setpoint"
         held = held or is_hold
-        limp = limp or (entry.kind == "safe" and entry.safe_state == SafeState.LIMP and entry.t_ns >= broken_ns)
+        limp = limp or (_is_limp(entry) and entry.t_ns >= broken_ns)
     return count
