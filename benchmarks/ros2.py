@@ -26,6 +26,6 @@ QUESTION = Question(
     notice="""`strands-actors ros2` needs a part of one core, and robots do not wait for it. A stop from the graph
 passes a router and one more process, and is still sent within milliseconds.""",
     limit="""The bridge decodes JSON and encodes CDR, both in Python. Topics without a subscriber cost nothing.""",
-    rounds=2,
+    rounds=1,
     short=False,
 )
