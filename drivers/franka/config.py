@@ -19,6 +19,7 @@ class FrankaConfig(msgspec.Struct, frozen=True):
     stride: int  # number of the controller's states per reading
     speed_factor: float
     state_ttl_s: float
+    gripper: str = ""  # the hand on the flange; empty without one
 
     @property
     def host(self) -> str:

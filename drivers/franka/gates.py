@@ -63,7 +63,7 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
 
     def all_joints(candidate: Candidate, state: GateState) -> Refused | None:
         missing = ", ".join(axis.key for index, axis in enumerate(axes) if index not in candidate.named)
-        if not missing:
+        if not missing or not candidate.named:  # An action that names no joint moves the hand alone.
             return None
         named = ", ".join(axes[index].key for index in candidate.named)
         return refusals.not_all_joints(missing, named, keys, len(axes))

@@ -319,21 +319,29 @@ class Message(NamedTuple):
 class Decoder:
     """Decode a stream of bytes, in pieces of any size, into requests or replies."""
 
-    def __init__(self, largest: int) -> None:
+    def __init__(self, largest: int, header: struct.Struct = HEADER) -> None:
+        """Decode messages.
+
+        Args:
+            largest: Most bytes of a message.
+            header: The layout of command, number and size at the start of each message.
+        """
         self._largest = largest
+        self._header = header
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
         """Yield the complete messages. Raise ``MalformedFrame`` at an impossible size, after which the next message
         cannot be located."""
         self._pending += data
-        while len(self._pending) >= HEADER.size:
-            code, request_id, size = HEADER.unpack_from(self._pending)
-            if not HEADER.size <= size <= self._largest:
+        header = self._header
+        while len(self._pending) >= header.size:
+            code, request_id, size = header.unpack_from(self._pending)
+            if not header.size <= size <= self._largest:
                 raise MalformedFrame(f"a message of {size} bytes")
             if len(self._pending) < size:
                 return
-            payload = bytes(self._pending[HEADER.size : size])
+            payload = bytes(self._pending[header.size : size])
             del self._pending[:size]
             yield Message(code, request_id, payload)
 

@@ -20,6 +20,7 @@ class FrankaCode(RefusalCode):
         "see what else the computer and the network do",
     )
     NOT_ALL_JOINTS = "not_all_joints", "an arm is moved by all its joints", "name all of them"
+    NOT_HOMED = "not_homed", "the hand could not measure its stroke", "see what is between the fingers"
     NOT_RECOVERED = (
         "not_recovered",
         "the controller refuses to recover",
@@ -67,7 +68,31 @@ def low_success_rate(rate: float, least: float) -> Refused:
     )
 
 
+def no_force(key: str, opening: object) -> Refused:
+    """Return the refusal of a force for a motion to an opening. Only a closing to 0 % is a grasp."""
+    return Refused(
+        Code.UNKNOWN_KEY,
+        f"a motion to {opening} % has no setting for {key}",
+        f"leave {key} out, or close the hand to 0 %, which grasps with a force",
+        key,
+    )
+
+
 # -- services
+
+
+def no_hand(service: str) -> Refused:
+    return Refused(
+        Code.UNKNOWN_SERVICE, f"{service} needs a hand", "give Robot() the option gripper='franka_hand'", service
+    )
+
+
+def not_homed(status: str) -> Refused:
+    return Refused(
+        FrankaCode.NOT_HOMED,
+        f"the hand has not measured its stroke ({status})",
+        "see what is between its fingers, then try again",
+    )
 
 
 def not_recovered(status: int) -> Refused:

@@ -10,12 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+import trio
+
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import WatchedFirmware
 from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.drivers.common.kit.hand import AXIS as HAND
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 
 from . import protocol as p
 from .client import LOOK_S, Fci, open_client
 from .config import FrankaConfig
+from .grippers import HAND_ID
+from .hand import keep_grip
 
 STANDING_RAD_S = 0.02
 CONFIRM_S = 0.6
@@ -79,10 +86,32 @@ class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
             client.close_in_order()  # A frozen controller still receives the stop when it continues.
             raise
 
+    async def make_safe_by(self, watch: StopWatch, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """Watch the arm until it stands, and meanwhile stop fingers that move."""
+        if not self.config.gripper:
+            return await super().make_safe_by(watch, safe_state)
+        grip = NOT_CONNECTED
+
+        async def keep() -> None:
+            nonlocal grip
+            grip = await keep_grip(self.config.host, self.clock)
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(keep)
+            motors = await super().make_safe_by(watch, safe_state)
+        return (*motors, *hand_report(grip))
+
     def failed(self, reason: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:
         if watch is not None:
-            return watch.reports(reason)
-        return reports(self.config, self._stop_sent, False, None, reason)
+            motors = watch.reports(reason)
+        else:
+            motors = reports(self.config, self._stop_sent, False, None, reason)
+        return (*motors, *hand_report(Outcome(False, False, reason))) if self.config.gripper else motors
+
+
+def hand_report(grip: Outcome, target: float | None = None) -> tuple[MotorReport, ...]:
+    """Return the report on the stop of the hand. ``target`` is the opening at which it stays."""
+    return grip.reports((HAND,), (HAND_ID,), (target,))
 
 
 def moving(state: p.State) -> list[int]:

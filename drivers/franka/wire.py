@@ -18,6 +18,8 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.kit.hand_gates import with_hand
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.kernel.clock import NS, Clock
@@ -25,14 +27,16 @@ from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import ChildProcess, start
 
+from . import hand_protocol, refusals
 from . import protocol as p
-from . import refusals
+from .arms import JOINTS
 from .client import LOOK_S, STATES_SIZE, Fci, connect
 from .config import FrankaConfig
 from .controller_clock import ControllerClock
 from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
-from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
+from .hand import FrankaHand
+from .stop_channel import CONFIRM_S, FrankaStopChannel, hand_report, moving, reports
 
 BEGIN_S = 3.0
 """Timeout for the start of the 1 kHz process, on a busy computer."""
@@ -42,6 +46,10 @@ ENDS_S = 1.0
 """Longest wait for the end of the previous motion. A motion that runs longer belongs to another client. The driver
 then starts no motion."""
 RECOVER_S = 5.0
+HOME = "home_gripper"
+"""The service that measures the stroke of the hand."""
+STAYS_RAD = 1e-3
+"""An action of the hand alone keeps the arm's target. No motion begins if the arm is that close to it."""
 
 _BY_US = ("success", "preempted")
 """Statuses of motions that we ended ourselves."""
@@ -163,6 +171,7 @@ class FrankaWire(SessionWire[FrankaSession]):
         self._clock = clock
         # Time since which a target has waited for the end of the previous motion. It is 0 if no target waits.
         self._waits_since_ns = 0
+        self._hand = FrankaHand(config, clock) if config.gripper else None
 
     @property
     def prompt(self) -> bool:
@@ -197,6 +206,12 @@ class FrankaWire(SessionWire[FrankaSession]):
                 f"open: the process that receives the controller's states reported no state within {BEGIN_S:g} s. "
                 "Close other programs, then try again"
             )
+        if self._hand is not None:
+            try:
+                await self._hand.open()
+            except BaseException:
+                self.close()
+                raise
         return {
             "address": host,
             "fci": config.arm.fci,
@@ -205,6 +220,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             "stride": config.stride,
             "stream_rate_hz": p.STATE_HZ / config.stride,
             "cycle_scheduling": scheduling_of(session.child.pid),
+            **({"gripper": config.gripper} if config.gripper else {}),
         }
 
     async def arm(self, permit: Permit) -> Observation:
@@ -225,6 +241,9 @@ class FrankaWire(SessionWire[FrankaSession]):
             )
         permit.check()
         session.lost, self._waits_since_ns = "", 0
+        if self._hand is not None:
+            await self._hand.arm()
+            permit.check()
         return self._observation(session, state)
 
     async def read(self) -> Observation:
@@ -239,6 +258,8 @@ class FrankaWire(SessionWire[FrankaSession]):
                 f"read: the controller has sent no state for {silent_s * 1e3:.0f} ms. "
                 "Check the controller and its network"
             )
+        if self._hand is not None:
+            self._hand.read(self._clock.now_ns())
         return self._observation(session, state)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -255,6 +276,13 @@ class FrankaWire(SessionWire[FrankaSession]):
         permit.check()
         if session.silent_s() > OLD_S:
             return
+        if self._hand is not None:
+            self._hand.follow(values[JOINTS:], permit)
+            if session.order is None and _is_at(state, values[:JOINTS]):
+                return
+        self._move_to(session, state, values[:JOINTS])
+
+    def _move_to(self, session: FrankaSession, state: p.State, values: tuple[float, ...]) -> None:
         session.heartbeat.beat(self._clock.now_ns())
         order = session.order
         if order is not None and values == order.goal and (session.motion or self._reached(session, order)):
@@ -271,6 +299,22 @@ class FrankaWire(SessionWire[FrankaSession]):
         session.aim(values)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        hand = self._hand
+        if hand is None:
+            return await self._make_arm_safe()
+        grip = NOT_CONNECTED
+
+        async def keep_grip() -> None:
+            nonlocal grip
+            grip = await hand.confirm(hand.begin_stop())
+
+        async with trio.open_nursery() as nursery:
+            # The new task runs only when the arm waits for its answer, so the arm is stopped first.
+            nursery.start_soon(keep_grip)
+            motors = await self._make_arm_safe()
+        return (*motors, *hand_report(grip, hand.opening))
+
+    async def _make_arm_safe(self) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return reports(self._config, False, False, None, "not connected")
@@ -310,6 +354,8 @@ class FrankaWire(SessionWire[FrankaSession]):
         return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in motors)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        if service == HOME:
+            return await self._home(permit)
         session = self.session
         permit.check()
         number = session.client.send(service)
@@ -322,11 +368,21 @@ class FrankaWire(SessionWire[FrankaSession]):
         return {"recovered": True}
 
     def close(self) -> None:
+        if self._hand is not None:
+            self._hand.close()
         if self.session_or_none is not None:
             self.session_or_none.close()
         self.session_or_none = None
 
     # -- helper methods of the wire
+
+    async def _home(self, permit: Permit) -> dict[str, Any] | Refused:
+        if self._hand is None:
+            return refusals.no_hand(HOME)
+        status = await self._hand.home(permit)
+        if status != hand_protocol.Status.SUCCESS:
+            return refusals.not_homed(hand_protocol.status_name(status))
+        return {"homed": True}
 
     def _wait_for_the_end(self, session: FrankaSession) -> None:
         """Note that a target waits for the end of the previous motion.
@@ -362,7 +418,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             faults[LOST] = session.lost
         if state.robot_mode == p.RobotMode.MOVE and state.success_rate < POOR:
             faults["success_rate"] = f"only {state.success_rate:.0%} of the commands reach the controller in time"
-        return Observation(
+        observation = Observation(
             t_ns=stamp_ns,
             position=state.q,
             stamp_ns=(stamp_ns,) * len(state.q),
@@ -378,6 +434,11 @@ class FrankaWire(SessionWire[FrankaSession]):
             },
             faults=faults,
         )
+        return observation if self._hand is None else with_hand(observation, self._hand)
+
+
+def _is_at(state: p.State, goal: tuple[float, ...]) -> bool:
+    return all(abs(rad - goal_rad) < STAYS_RAD for rad, goal_rad in zip(state.q_d, goal, strict=True))
 
 
 def scheduling_of(pid: int) -> str:

@@ -14,6 +14,7 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.drivers.franka import hand_protocol as franka
 from strands_actors.drivers.kinova import protocol as kinova
 from strands_actors.drivers.xarm import protocol as xarm
 from strands_actors.testing import Twin
@@ -56,17 +57,24 @@ def _is_kinova_target(frame: bytes) -> bool:
     return any(received.call == kinova.Call.SEND_GRIPPER_COMMAND for received in kinova.Decoder().feed(frame))
 
 
-TARGETS = {"xarm7": _is_xarm_target, "kinova_gen3": _is_kinova_target}
+def _is_franka_target(frame: bytes) -> bool:
+    """Return True for a request to the hand. All setpoints of the arm are longer."""
+    return len(frame) <= franka.HEADER.size + franka.GRASP.size
+
+
+TARGETS = {"xarm7": _is_xarm_target, "kinova_gen3": _is_kinova_target, "panda": _is_franka_target}
 
 XARM_FAULTS = (
     ("gripper error 34", "overload", "gripper error 0"),
     ("gripper lost", "does not answer", "gripper found"),
 )
 KINOVA_FAULTS = (("gripper lost", "no gripper", "gripper found"),)
+FRANKA_FAULTS = (("gripper unhomed", "home_gripper() first", "gripper homed"),)
 
 HANDS = (
     Hand("xarm7", "xarm_gripper", "joint1", (60.0, 0.0, 100.0), {"gripper_speed": 5.0}, 40.0, XARM_FAULTS),
     Hand("kinova_gen3", "robotiq_2f85", "joint_1", (60.0, 0.0, 100.0), None, 40.0, KINOVA_FAULTS),
+    Hand("panda", "franka_hand", "joint1", (60.0, 0.0, 100.0), {"gripper_speed": 5.0}, 40.0, FRANKA_FAULTS),
     Hand("xarm7", "xarm_vacuum", "joint1", (0.0, 100.0), None, 0.0),
 )
 with_fingers = pytest.mark.parametrize(
@@ -118,6 +126,14 @@ def reach(arm: RealRobot, percent: float) -> None:
     until(lambda: abs(opening(arm) - percent) < OPENING, f"it is {percent} % open")
 
 
+def nudge_arm(hand: Hand, arm: RealRobot) -> None:
+    """Move one joint of the arm a little. Some arms need a target for each joint."""
+    position = arm.get_observation()
+    joints = {joint: rad for joint, rad in position.items() if joint != "gripper"}
+    still = joints if arm.driver.WHOLE_ACTIONS else {}
+    json_of(arm.send_action({**still, hand.joint: position[hand.joint] + 0.01}))
+
+
 def _reports(arm: RealRobot, text: str) -> bool:
     return text in status(arm)["faults"].get("gripper", "")
 
@@ -135,7 +151,7 @@ def test_it_moves_and_a_motion_of_the_arm_sends_it_nothing(hand: Hand, arm: Real
         reach(arm, goal)
     assert contact(arm) == [0.0]
     began_ns = time.monotonic_ns()
-    json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+    nudge_arm(hand, arm)
     until(lambda: twin.log.host("setpoint", began_ns), "the arm has a setpoint")
     time.sleep(0.2)
     assert not hand.targets(twin, began_ns)
@@ -157,7 +173,7 @@ def test_saf_003_a_stop_keeps_the_grip_and_so_does_the_resume(hand: Hand, arm: R
     stopped = json_of(arm.stop())["motors"]
     assert stopped["gripper"]["safe"] and list(stopped)[-1] == "gripper"
     resumed(arm)
-    json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+    nudge_arm(hand, arm)
     time.sleep(0.3)
     assert not hand.targets(twin, began_ns), "the fingers get no target"
     assert contact(arm) == [1.0]
@@ -222,7 +238,7 @@ def test_a_fault_is_reported_and_only_the_hand_is_refused(hand: Hand, arm: RealR
         twin.order(order)
         until(functools.partial(_reports, arm, text), f"the status has {text}")
         assert text in why(arm.send_action({"gripper": 50.0}))
-        json_of(arm.send_action({hand.joint: arm.get_observation()[hand.joint] + 0.01}))
+        nudge_arm(hand, arm)
         twin.order(repair)
         until(lambda: "gripper" not in status(arm)["faults"], "it works again")
 

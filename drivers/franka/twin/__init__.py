@@ -2,7 +2,8 @@
 
 A test controls a simulated robot by lines of text. This robot accepts the lines of every twin, and also ``reflex
 ERROR``, ``mode MODE`` and ``success-rate NUMBER|measured``. The names are in ``protocol.ERRORS`` and
-``protocol.RobotMode``.
+``protocol.RobotMode``. With a hand there are also ``gripper lost|found|homed|unhomed``, and ``object PERCENT|none``
+for something between the fingers, which meet it when they are so far open.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ from typing import Annotated
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import HostOption, WireLog, main_of
 from strands_actors.drivers.franka.arms import arm_of
+from strands_actors.drivers.franka.grippers import Gripper
 from strands_actors.drivers.franka.protocol import DIALECTS
 
+from .hand import REQUESTS
 from .pace import Stretches
-from .requests import MODELLED
+from .requests import MODELLED as OF_THE_ARM
 from .server import FrankaServer
+
+MODELLED = (*OF_THE_ARM, REQUESTS)
 
 
 class FrankaTwinOptions(HostOption, frozen=True):
@@ -34,6 +39,7 @@ class FrankaTwinOptions(HostOption, frozen=True):
     states_from: Annotated[
         str | None, option("address that its states come from; None: the one that it serves at")
     ] = None
+    gripper: Annotated[Gripper | None, option("the hand on its flange, with its service; None: no hand")] = None
 
 
 def build(robot: str, options: FrankaTwinOptions, log: WireLog) -> FrankaServer:
@@ -45,7 +51,16 @@ def build(robot: str, options: FrankaTwinOptions, log: WireLog) -> FrankaServer:
     gc.collect()
     gc.freeze()  # A full garbage collection would stop this process for many milliseconds.
     wait_s = options.tick_wait_ms / 1e3
-    return FrankaServer(robot, fci, log, options.host, wait_s, options.stretches, options.states_from)
+    return FrankaServer(
+        robot,
+        fci,
+        log,
+        options.host,
+        wait_s,
+        options.stretches,
+        options.states_from,
+        options.gripper or "",
+    )
 
 
 main = main_of(FrankaTwinOptions, build)

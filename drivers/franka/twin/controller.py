@@ -17,6 +17,7 @@ from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
 from . import kinematics
 from . import path as paths
+from .hand import hand_of, plant_with_hand
 from .motion import AFTER_IK, CARTESIAN, COMMANDED, JOINT, SLACK, Motion, move_joints
 from .path import CartesianPath
 from .plant import Plant
@@ -37,6 +38,8 @@ SOFTEST_NM_RAD = 10.0
 """Least stiffness of a joint under Cartesian impedance: the elbow has none by the end effector's [assumed]."""
 
 SEVEN = range(JOINTS)
+HAND_TICKS = 4
+"""The hand moves once in so many ticks."""
 
 
 class Controller:
@@ -45,10 +48,13 @@ class Controller:
 
     _is_soft = False  # True while the servos have a stiffness that a client has chosen.
 
-    def __init__(self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None) -> None:
+    def __init__(
+        self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None, gripper: str = ""
+    ) -> None:
         self.arm = arm
         self.dialect = p.DIALECTS[fci]
-        self.plant = Plant.from_table(model_table(arm))
+        self.plant = plant_with_hand(arm, gripper) if gripper else Plant.from_table(model_table(arm))
+        self.hand = hand_of(self.plant) if gripper else None
         self.fault = Fault.OK
         self.ticks = 0
         self._on_event = on_event
@@ -71,6 +77,8 @@ class Controller:
         for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
             self.dialect.put(self._data, name, *kinematics.numbers(self._tool))
         self._halt()
+        if self.hand is not None:
+            self.hand.wake_up()
 
     # -- requests of a client
 
@@ -209,6 +217,8 @@ class Controller:
         ended = None
         if self.motion is not None:
             ended = self._advance(self.motion)
+        if self.hand is not None and self.ticks % HAND_TICKS == 0:
+            self.hand.advance(HAND_TICKS * TICK_S)
         self.plant.catch_up(self.ticks * TICK_S)
         return ended
 

@@ -19,13 +19,27 @@ from collections.abc import Sequence
 import trio
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Reply, TcpServer, TwinRobot, WireLog
+from strands_actors.drivers.common.physics.handed_body import HandedBody
+from strands_actors.drivers.common.twin import (
+    ClientGone,
+    Connection,
+    Fault,
+    Handler,
+    Reply,
+    TcpServer,
+    TwinRobot,
+    WireLog,
+)
+from strands_actors.drivers.franka import hand_protocol
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import JOINTS, arm_of
+from strands_actors.drivers.franka.grippers import WIDTH_M
 
 from .body import FrankaBody
 from .controller import TICK_S, Controller
 from .description import urdf
+from .hand import Hand
+from .hand_service import HandService
 from .model_library import X86_64_LINUX, model_library
 from .pace import Pace, Processors, Stretches
 from .requests import NOT_POSSIBLE, REQUESTS, SETTINGS
@@ -58,7 +72,8 @@ class FrankaTwin(TwinRobot):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self.controller = controller
-        self.body = FrankaBody(controller)
+        arm = FrankaBody(controller)
+        self.body = arm if controller.hand is None else HandedBody(arm, controller.hand.motion)
 
     def begin_fault(self, fault: Fault) -> None:
         self.controller.fault = fault
@@ -82,6 +97,7 @@ class FrankaServer(TcpServer):
         tick_wait_s: float,
         stretches: Stretches = "busy",
         states_from: str | None = None,
+        gripper: str = "",
     ) -> None:
         """Reserve the ports.
 
@@ -93,13 +109,14 @@ class FrankaServer(TcpServer):
             tick_wait_s: Longest stretch of a millisecond.
             stretches: When a millisecond may be stretched.
             states_from: The address that states come from. None: the same as ``host``.
+            gripper: The hand on its flange; empty for none.
         """
 
         def on_event(kind: str) -> None:
             log.write(time.monotonic_ns(), "robot", [(kind, b"")])
 
         arm = arm_of(robot)
-        self.controller = Controller(arm, fci, on_event)
+        self.controller = Controller(arm, fci, on_event, gripper)
         self._model = urdf(arm).encode() if fci == 10 else b""
         self._twin = FrankaTwin(self.controller)
         self._name = robot
@@ -108,7 +125,12 @@ class FrankaServer(TcpServer):
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover: Connection | None = None
         self._late: deque[tuple[float, bytes]] = deque()
-        super().__init__(self._twin, {p.PORT: self._attend_client}, log, host)
+        handlers: dict[int, Handler] = {p.PORT: self._attend_client}
+        hand = self.controller.hand
+        self._hand = None if hand is None else HandService(hand, self._send_state)
+        if self._hand is not None:
+            handlers[hand_protocol.PORT] = self._hand.attend
+        super().__init__(self._twin, handlers, log, host)
         self._udp = socket.socket(type=socket.SOCK_DGRAM)
         self._udp.setblocking(False)
         self._udp.bind((states_from or self.host, 0))
@@ -133,9 +155,26 @@ class FrankaServer(TcpServer):
                 self.controller.success_rate = None
             case ["success-rate", number]:
                 self.controller.success_rate = float(number)
+            case ["gripper", word] if self.controller.hand is not None:
+                return self._order_hand(self.controller.hand, word)
+            case ["object", place] if self.controller.hand is not None and (place == "none" or place.isdecimal()):
+                self.controller.hand.motion.object_at = None if place == "none" else 1.0 - int(place) / 100
             case _:
                 return False
         return True
+
+    def _order_hand(self, hand: Hand, word: str) -> bool:
+        match word:
+            case "lost" | "found":
+                hand.is_lost = word == "lost"
+            case "unhomed" | "homed":
+                hand.most_m = 0.0 if word == "unhomed" else WIDTH_M
+            case _:
+                return False
+        return True
+
+    def _send_state(self, state: bytes, address: tuple[str, int]) -> None:
+        self._udp.sendto(state, address)
 
     def close(self) -> None:
         super().close()
@@ -286,6 +325,8 @@ class FrankaServer(TcpServer):
 
     def _tick(self) -> None:
         self._end(self.controller.tick())
+        if self._hand is not None:
+            self._hand.report()
         if not self._listeners_of_state:
             return
         reply = self._twin.faults.apply(Reply(0.0, self.controller.state()))

@@ -311,6 +311,8 @@ class AsyncSimulatedFeetech(AsyncSimulation):
 class Franka(RealRobot):
     def recover(self) -> Answer:
         """Let the controller clear a reflex, so that the arm may be armed again."""
+    def home_gripper(self) -> Answer:
+        """Let the hand close and open, to measure its stroke after its fingers were changed."""
     def sensors(self) -> Answer:
         """Measured positions, sensors and faults."""
     def status(self) -> Answer:
@@ -319,6 +321,7 @@ class Franka(RealRobot):
 @type_check_only
 class AsyncFranka(AsyncRobot):
     async def recover(self) -> Answer: ...
+    async def home_gripper(self) -> Answer: ...
     async def sensors(self) -> Answer: ...
     async def status(self) -> Answer: ...
 
@@ -1147,7 +1150,8 @@ def Robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
-    stream_rate_hz: float = 30.0,
+    stream_rate_hz: float = 30.0, gripper: Literal["franka_hand"] | None = None, gripper_speed: float = 100.0,
+    gripper_force: float = 100.0,
 ) -> Franka: ...
 @overload
 def Robot(
@@ -1421,7 +1425,7 @@ def Robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["franka_hand"] | None = None,
 ) -> SimulatedFranka: ...
 @overload
 def Robot(
@@ -1682,7 +1686,8 @@ def open_robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
-    stream_rate_hz: float = 30.0,
+    stream_rate_hz: float = 30.0, gripper: Literal["franka_hand"] | None = None, gripper_speed: float = 100.0,
+    gripper_force: float = 100.0,
 ) -> AbstractAsyncContextManager[AsyncFranka]: ...
 @overload
 def open_robot(
@@ -1956,7 +1961,7 @@ def open_robot(
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, onboard: str | os.PathLike[str] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    approve_within_s: float = 30.0, gripper: Literal["franka_hand"] | None = None,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
 @overload
 def open_robot(

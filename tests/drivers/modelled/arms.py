@@ -10,13 +10,18 @@ import trio
 
 from strands_actors.drivers.common.dynamixel import protocol as dxl
 from strands_actors.drivers.common.dynamixel.twin import INSTRUCTIONS
+from strands_actors.drivers.common.physics.hand_motion import HandMotion
 from strands_actors.drivers.common.twin import ClientGone, WireLog
 from strands_actors.drivers.dynamixel.twin import DynamixelBus
 from strands_actors.drivers.feetech import protocol as feetech
 from strands_actors.drivers.feetech.twin import INSTRUCTIONS as FEETECH
 from strands_actors.drivers.feetech.twin import FeetechBus
+from strands_actors.drivers.franka import hand_protocol
 from strands_actors.drivers.franka import protocol as franka
 from strands_actors.drivers.franka.twin import FrankaServer
+from strands_actors.drivers.franka.twin.hand import REQUESTS as FRANKA_HAND
+from strands_actors.drivers.franka.twin.hand import Hand
+from strands_actors.drivers.franka.twin.hand_service import HandService
 from strands_actors.drivers.franka.twin.requests import MOTIONS as FRANKA_MOTIONS
 from strands_actors.drivers.franka.twin.requests import REQUESTS as FRANKA
 from strands_actors.drivers.robotiq.protocol import INPUT, OUTPUT
@@ -223,8 +228,50 @@ def moves(server: FrankaServer) -> None:
     ask_franka(server, "move", franka.DIALECTS[5].start_joint_motion(1)[franka.HEADER.size :])
 
 
+def franka_hand() -> HandService:
+    return HandService(Hand(HandMotion()), lambda state, address: None)
+
+
+def ask_hand(service: HandService, command: int, payload: bytes) -> Answer:
+    client: Any = Client()
+    if command != hand_protocol.Command.CONNECT:
+        service._obey(client, franka.Message(hand_protocol.Command.CONNECT, 1, hand_protocol.connect_payload(1)))
+        client.sent.clear()
+    try:
+        service._obey(client, franka.Message(command, 2, payload))
+    except ClientGone:
+        return Answer(False)
+    finally:
+        service._listeners.clear()
+    if not client.sent:
+        return Answer(service.hand.motion.moves or service.hand._running is not None)
+    reply = client.sent[-1][hand_protocol.HEADER.size :]
+    return Answer(reply[0] == 0, reply[2:])
+
+
+def close_hand(service: HandService) -> None:
+    ask_hand(service, hand_protocol.Command.MOVE, hand_protocol.move_payload(0.01, 0.1))
+
+
 def walks() -> Iterator[Walk]:
     """Yield the walks of this module."""
+    hand = hand_protocol.Command
+    yield Walk(
+        "franka hand",
+        FRANKA_HAND,
+        range(64),
+        franka_hand,
+        ask_hand,
+        {
+            hand.CONNECT: hand_protocol.connect_payload(1),
+            hand.HOMING: b"",
+            hand.GRASP: hand_protocol.grasp_payload(0.0, 0.0, 1.0, 0.1, 20.0),
+            hand.MOVE: hand_protocol.move_payload(0.04, 0.1),
+            hand.STOP: b"",
+        },
+        (b"", bytes(16), bytes(40)),
+        {hand.STOP: close_hand},
+    )
     yield XARM_WALK
     yield XARM_MODBUS_WALK
     read = struct.pack("<HH", 0, 2)
