@@ -21,6 +21,7 @@ QUESTION = Question(
     notice="""The last arm gets its safe frame a moment after the first. The results of all arms are with the
 program that pressed before a person can look up.""",
     limit="""The computer is the limit: the twelve arms and their twins are 48 processes, which all wake up at the
-same moment.""",
+same moment. Two cores were in use nearly all the time before the press, since each twin computes the physics of its
+arm, and the arms move.""",
     rounds=1,
 )

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -33,33 +34,35 @@ PARTS = {
 
 
 @dataclass(frozen=True)
-class Line:
-    """A straight line, ``base + each * robots``, through measured figures."""
+class Curve:
+    """A power law, ``factor * robots ** power``, through measured figures.
 
-    base: float
-    each: float
+    Processes that share two cores wait the longer for each other, the more there are, so times and costs grow
+    faster than the number of robots.
+    """
+
+    factor: float
+    power: float
 
     @classmethod
-    def through(cls, points: Sequence[tuple[float, float]]) -> Line:
-        """Fit a line by least squares of the relative errors, so that the smallest number of robots counts as much
-        as the largest. ``base`` is never negative.
+    def through(cls, points: Sequence[tuple[float, float]]) -> Curve:
+        """Fit a power law by least squares of the logarithms.
 
         Args:
-            points: Numbers of robots with their figures. At least one figure is above 0.
+            points: Numbers of robots with their figures, at least two of them.
         """
-        weighted = [(x, y, 1.0 / max(y, 0.1) ** 2) for x, y in points]
-        w = sum(each[2] for each in weighted)
-        mean_x = sum(x * weight for x, _, weight in weighted) / w
-        mean_y = sum(y * weight for _, y, weight in weighted) / w
-        spread = sum(weight * (x - mean_x) ** 2 for x, _, weight in weighted)
-        each = sum(weight * (x - mean_x) * (y - mean_y) for x, y, weight in weighted) / spread if spread else 0.0
-        base = mean_y - each * mean_x
-        if base >= 0.0 and spread:
-            return cls(base, each)
-        return cls(0.0, sum(w * x * y for x, y, w in weighted) / sum(w * x * x for x, _, w in weighted))
+        logs = [(math.log(x), math.log(max(y, 0.1))) for x, y in points]
+        mean_x, mean_y = (sum(values) / len(logs) for values in zip(*logs, strict=True))
+        spread = sum((x - mean_x) ** 2 for x, _ in logs)
+        power = sum((x - mean_x) * (y - mean_y) for x, y in logs) / spread
+        return cls(math.exp(mean_y - power * mean_x), power)
 
     def at(self, robots: float) -> float:
-        return self.base + self.each * robots
+        return float(self.factor * robots**self.power)
+
+    def reaches(self, value: float) -> float:
+        """Return the number of robots at which the curve has this value."""
+        return float((value / self.factor) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True)
@@ -84,36 +87,42 @@ def kept() -> list[Kept]:
     return [Kept(row["figures"], Machine(**row["machine"]), row["in_namespaces"]) for row in rows]
 
 
-def models(measured: Sequence[Kept]) -> dict[str, Line]:
-    """Return the line through the measured figures of each name. The worst of ten e-stops depends on the other load
+def models(measured: Sequence[Kept]) -> dict[str, Curve]:
+    """Return the curve through the measured figures of each name. The worst of ten e-stops depends on other load
     of the computer, so it has no model."""
     names = (MEDIAN, *PARTS)
     return {
-        name: Line.through([(each.figures["robots"], each.figures[name]) for each in measured]) for name in names
+        name: Curve.through(
+            [(each.figures["robots"], each.figures[name]) for each in measured if name in each.figures]
+        )
+        for name in names
     }
 
 
 def write() -> None:
     """Write page and picture."""
     measured = kept()
-    lines = models(measured)
-    PAGE.write_text(page(measured, lines))
-    draw(measured, lines, PICTURE)
+    curves = models(measured)
+    PAGE.write_text(page(measured, curves))
+    draw(measured, curves, PICTURE)
 
 
-def page(measured: Sequence[Kept], lines: Mapping[str, Line]) -> str:
+def page(measured: Sequence[Kept], curves: Mapping[str, Curve]) -> str:
     """Return the text of the page."""
     head = ["robots", "", "median, ms", "worst of ten, ms", "missing outcomes", "settled, s"]
     head += [f"{name}, %" for name in PARTS.values()]
     rows = [row(head), row(["---"] * len(head))]
     for each in measured:
-        values = [number(each.figures[name]) for name in (MEDIAN, WORST, "missing_outcomes", "settled_s", *PARTS)]
+        values = [
+            number(each.figures[name]) if name in each.figures else "–"
+            for name in (MEDIAN, WORST, "missing_outcomes", "settled_s", *PARTS)
+        ]
         rows.append(row([f"{each.figures['robots']:,.0f}", "measured", *values]))
     counts = {each.figures["robots"] for each in measured}
     for robots in MODELLED:
         if robots not in counts:
-            parts = [number(lines[name].at(robots)) for name in PARTS]
-            median = number(lines[MEDIAN].at(robots))
+            parts = [number(curves[name].at(robots)) for name in PARTS]
+            median = number(curves[MEDIAN].at(robots))
             rows.append(row([f"{robots:,}", "**model**", median, "–", "–", "–", *parts]))
     machine = measured[-1].machine
     where = "in network namespaces" if all(each.in_namespaces for each in measured) else "over loopback"
@@ -123,19 +132,18 @@ def page(measured: Sequence[Kept], lines: Mapping[str, Line]) -> str:
         f"{machine.date[:10]}. Load before the runs: {loads}. All processes shared these cores, and the routers "
         f"with their robots were {where}."
     )
-    model = {name: f"{number(line.base)} + {line.each:.3g} · robots" for name, line in lines.items()}
+    model = {name: f"{curve.factor:.3g} · robots^{curve.power:.2f}" for name, curve in curves.items()}
     fits = [row(["figure", "model"]), row(["---", "---"])]
     fits.append(row(["time to the last outcome, median, ms", model[MEDIAN]]))
     fits += [row([f"processor, {label}, % of a core", model[name]]) for name, label in PARTS.items()]
-    each_pct = lines["metrics_pct"].each
-    per_process = 80.0 / each_pct if each_pct else 0.0
+    per_process = curves["metrics_pct"].reaches(80.0)
     return PAGE_TEXT.format(
         rows="\n".join(rows), measured_on=measured_on, fits="\n".join(fits), per_process=round(per_process, -1)
     )
 
 
-def draw(measured: Sequence[Kept], lines: Mapping[str, Line], path: Path) -> None:
-    """Draw the measured figures as points, and the model as lines."""
+def draw(measured: Sequence[Kept], curves: Mapping[str, Curve], path: Path) -> None:
+    """Draw the measured figures as points, and the model as curves."""
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
 
@@ -144,7 +152,6 @@ def draw(measured: Sequence[Kept], lines: Mapping[str, Line], path: Path) -> Non
 
     drawing = Figure(figsize=(8, 6), layout="constrained")
     panels = drawing.subplots(2, 1, sharex=True)
-    counts = [each.figures["robots"] for each in measured]
     steps = [10 * 10 ** (index / 20) for index in range(61)]
     for panel, labels, title in (
         (
@@ -155,16 +162,21 @@ def draw(measured: Sequence[Kept], lines: Mapping[str, Line], path: Path) -> Non
         (panels[1], PARTS, "processor time for telemetry, % of a core"),
     ):
         for name, label in labels.items():
-            points = panel.plot(counts, [max(each.figures[name], 0.1) for each in measured], "o", label=label)
-            if name in lines:
-                panel.plot(steps, [max(lines[name].at(x), 0.1) for x in steps], color=points[0].get_color(), lw=1)
+            points = panel.plot(
+                [each.figures["robots"] for each in measured if name in each.figures],
+                [max(each.figures[name], 0.1) for each in measured if name in each.figures],
+                "o",
+                label=label,
+            )
+            if name in curves:
+                panel.plot(steps, [max(curves[name].at(x), 0.1) for x in steps], color=points[0].get_color(), lw=1)
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_title(f"{title} (lower is better, logarithmic axes)", fontsize=10, loc="left")
         panel.grid(color="#e2e8f0", lw=0.8)
         panel.legend(fontsize=8)
     panels[1].axhline(100, color="grey", linestyle=":")
-    panels[1].set_xlabel("robots (points are measured, lines are the model)")
+    panels[1].set_xlabel("robots (points are measured, curves are the model)")
     drawing.savefig(path, metadata={"Date": None})
 
 
@@ -189,7 +201,9 @@ router, and receive the telemetry of all robots.
 
 "Median" and "worst of ten" are the time from an e-stop to the last outcome, of ten e-stops.
 "Settled" is the time from the appearance of the last robot, when all start together, until an e-stop
-reached all of them. The processor time is in percent of one core.
+reached all of them. The processor time is in percent of one core. A row without it was measured without
+metrics and console, so no telemetry was sent: two cores do not carry both for 1,000 stand-ins beside
+the routers, and no e-stop then reached all of them in time.
 
 {measured_on}
 
@@ -197,8 +211,8 @@ reached all of them. The processor time is in percent of one core.
 
 ## The model
 
-Rows with the word **model** were not measured. They come from a straight line that was fitted to the
-measured rows (least squares of the relative errors):
+Rows with the word **model** were not measured. They come from a power law that was fitted to the
+measured rows (least squares of the logarithms):
 
 {fits}
 
@@ -223,10 +237,9 @@ program that orders the e-stop have a core each.
   the metrics can serve about {per_process:.0f} robots with 80 % of a core.
 * **Rates.** The cost of telemetry is proportional to its rate and to the number of programs that
   subscribe. A topic without subscribers costs a robot nothing.
-* **The computer.** Two cores carried all processes of these runs, beside other programs. So all times
-  are longer than on a computer without other load, and the model's slope is uncertain. An earlier run
-  over loopback, on the same computer without other load, had medians of 8.2 ms (10 robots) and 45.7 ms
-  (100 robots), which is 0.42 ms for each further robot.
+* **The computer.** Two cores carried all processes of these runs. So the times are longer than at a
+  site, where each router and each group of robots has a computer of its own, and grow faster than the
+  number of robots.
 
 ## Set up a site
 
@@ -248,7 +261,8 @@ program that orders the e-stop have a core each.
 ## Measure your own site
 
 ```sh
-python -m benchmarks.sides.scale 10 100 1000 --write
+python -m benchmarks.sides.scale 10 50 100 300 --write
+python -m benchmarks.sides.scale 1000 --estop-only --write
 ```
 
 The command needs a checkout of the repository with the packages of its tests. It makes the network

@@ -227,7 +227,7 @@ def stops(arm: Arm, program: Program, count: int) -> dict[str, float]:
 
 
 def moves(arm: Arm, since_ns: int) -> bool:
-    """Return True as soon as the arm gets setpoints, and False if it gets none for ``MOVES_S``."""
+    """Return True as soon as the arm gets setpoints, and False if it gets no setpoint for ``MOVES_S``."""
     deadline_s = time.monotonic() + MOVES_S
     while time.monotonic() < deadline_s:
         if len(arm.log.host("setpoint", since_ns)) > 5:

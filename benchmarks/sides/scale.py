@@ -17,9 +17,12 @@ processor time in percent of one core: of the central router, of all other route
 that serves the metrics of all robots, and of the console while one page shows the list of all robots.
 
     python -m benchmarks.sides.scale 10 100
-    python -m benchmarks.sides.scale 1000 --seconds 30
-    python -m benchmarks.sides.scale 10 100 1000 --write      # keeps the results, and makes docs/fleet.md
+    python -m benchmarks.sides.scale 10 100 --write           # keeps the results, and makes docs/fleet.md
+    python -m benchmarks.sides.scale 1000 --estop-only --write
     python -m benchmarks.sides.scale --write                  # makes the page from the results
+
+Two cores do not carry metrics and console of 1,000 stand-ins beside all of these. With ``--estop-only`` neither
+runs, and then no telemetry is sent.
 """
 
 from __future__ import annotations
@@ -296,9 +299,11 @@ def measure(count: int, options: argparse.Namespace, in_namespaces: bool, direct
             routers.append(stack.enter_context(process(ROUTER, own, up, options.wait_us, within=within)))
             size = min(options.per_router, count - first)
             robots.append(stack.enter_context(process(ROBOTS, own, first, size, within=within)))
+        figures: dict[str, float] = {"robots": count, "routers": len(routers) + 1}
+        if options.estop_only:
+            return figures | trio.run(press, central_port, count)
         metrics, _ = stack.enter_context(service("metrics", central_port, directory))
         console, facts = stack.enter_context(service("web", central_port, directory))
-        figures: dict[str, float] = {"robots": count, "routers": len(routers) + 1}
         figures |= trio.run(press, central_port, count)
         stack.enter_context(stack.enter_context(Visitor(facts["url"])).page()).kind("fleet")
         parts = {
@@ -330,6 +335,9 @@ def main() -> None:
     parser.add_argument("--wait-us", type=int, default=100_000, help="a router waits so long for room on a link")
     parser.add_argument(
         "--write", action="store_true", help="keep the results, and make docs/fleet.md from all kept"
+    )
+    parser.add_argument(
+        "--estop-only", action="store_true", help="run neither metrics nor console, so that no telemetry is sent"
     )
     parser.add_argument("--loopback", action="store_true", help="make no network namespaces")
     options = parser.parse_args()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from docs.site import facts
 
-from . import demo, live, lowering, robots, terminal
+from . import console, demo, live, lowering, robots, terminal
 
 FOLDER = Path(__file__).parents[1] / "pictures"
 
@@ -21,6 +21,7 @@ OTHERS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
     "drill": ("drill.svg", terminal.make_drill),
     "lowering": ("lowering.svg", lowering.make),
     "view": ("view.png", live.make),
+    "console": ("console.png", console.make),
 }
 """The pictures that are not of one robot: their files, and the functions that make them."""
 

@@ -1,11 +1,11 @@
 """The Franka Hand, as the wire process and the root's stop channel see it.
 
-Theory. The hand has a service of its own, with one request at a time, and answers a motion when it has ended. So a
+Theory. The hand has a separate service, with one request at a time, and answers a motion when it has ended. So a
 new target while the fingers move needs a stop first, and is sent after the stop was answered. A closing to 0 % is a
-grasp, with a force, and closes onto what is between the fingers. Any other target is a motion to a width.
+grasp, with a force, and closes onto an object between the fingers. Any other target is a motion to a width.
 
 A stop keeps the grip. The service's stop is sent only while the fingers move, because the vendor does not say
-whether it also ends the force of a grasp [assumed: it may].
+whether it also ends the force of a grasp. The driver assumes that it may [assumed].
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from .hand_protocol import Command, Status
 WRITE_EVERY_S = 0.05
 """Least time between two targets, in seconds."""
 SILENT_S = 0.5
-"""The hand counts as lost after this time without a state [assumed: it sends some sixty a second]."""
+"""The hand counts as lost after this time without a state. It sends some sixty states a second [assumed]."""
 CONFIRM_S = 0.6
 """Longest time until moving fingers stand after a stop."""
 EMPTY_M = 0.002
 """Fingers that are closer than this hold nothing [assumed]."""
 INNER_M, OUTER_M = 0.005, 1.0
-"""A grasp succeeds at every width: what is between the fingers is not known before."""
+"""A grasp succeeds at every width, because the width of the object is not known before."""
 
 NOT_CONNECTED = "it is not connected"
 NOT_HOMED = "it was not homed since its fingers were changed: home_gripper() first"
@@ -95,7 +95,7 @@ class FrankaHand:
             await self.open()
 
     def read(self, now_ns: int) -> None:
-        """Take what has arrived. Never waits and never raises."""
+        """Take the received replies and states. Never waits and never raises."""
         client = self._client
         if client is None:
             return
@@ -192,7 +192,7 @@ class FrankaHand:
 
 
 async def keep_grip(host: str, clock: Clock) -> Outcome:
-    """Stop fingers that move, on a connection of its own, and keep the grip of all others. Never raises."""
+    """Stop fingers that move, on a separate connection, and keep the grip of all others. Never raises."""
     written = False
     client: HandClient | None = None
     try:

@@ -1,4 +1,4 @@
-"""Encode and decode the messages of the Franka Hand, whose service has a TCP port of its own.
+"""Encode and decode the messages of the Franka Hand, which has a service at a separate TCP port.
 
 Requests and replies use TCP, states UDP. A request is answered when it has ended, so the reply to a motion comes
 when the fingers stand. Pure: bytes in, values out. Everything is little-endian and packed. Widths are the distance
@@ -108,7 +108,7 @@ def grasp_payload(width_m: float, inner_m: float, outer_m: float, speed_m_s: flo
 
 
 def status_of(reply: Message) -> int:
-    """Return the status of a reply. Raise ``MalformedFrame`` if it has none."""
+    """Return the status of a reply. Raise ``MalformedFrame`` if the reply is too short."""
     if len(reply.payload) < 2:
         raise MalformedFrame("a reply of the hand without a status")
     return int.from_bytes(reply.payload[:2], "little")

@@ -11,7 +11,7 @@ from PIL import Image
 
 from docs.site import facts, sources
 from docs.site.build import ROOT
-from docs.studio import command, demo, robots, terminal
+from docs.studio import command, console, demo, robots, terminal
 from docs.studio.camera import visible_points
 from docs.studio.light import Studio
 from docs.studio.watching import Seen
@@ -24,9 +24,6 @@ PICTURES = ROOT / "docs" / "pictures"
 WIDTH, HEIGHT = 160, 120
 DRAWN_GROUPS = 3
 """MuJoCo draws the groups below this one. A robot with looks has its shapes in another."""
-SCREENSHOTS = {"console.png"}
-"""Pictures that no code of the documentation makes."""
-
 MEASURED = {"fleet.svg"}
 """Curves that ``python -m benchmarks.sides.scale --write`` draws."""
 
@@ -93,7 +90,7 @@ def test_each_robot_has_its_picture_and_all_are_small() -> None:
     names = {
         *(f"{robot}.png" for robot in facts.robots()),
         *(file for file, _ in command.OTHERS.values()),
-        *SCREENSHOTS,
+        *console.BESIDE,
         *MEASURED,
     }
     assert {file.name for file in PICTURES.iterdir()} == names

@@ -205,6 +205,7 @@ NO_ROW: Mapping[str, Mapping[str, str]] = {
     "franka": {
         "resume": "Arming sends nothing. The controller holds the arm, and the first setpoint begins a motion.",
         "recover": "A recovery lets the controller leave its reflex. It energises nothing and begins no motion.",
+        "home_gripper": "The hand's stop follows on the same connection, and so also ends a homing that waits.",
     },
     "rby1": {
         "reset_fault_control_manager": "The control manager becomes idle. Only resume() enables it.",

@@ -230,8 +230,8 @@ def chromium(path: str) -> Iterator[Browser]:
     """
     with tempfile.TemporaryDirectory(prefix="sa-chromium-", ignore_cleanup_errors=True) as profile:
         words = [path, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
-        # With the C locale Chromium gives pages a language tag that its own NumberFormat refuses.
-        environment = {**os.environ, "LANG": "en_US.UTF-8", "LC_ALL": "en_US.UTF-8"}
+        # With this locale Chromium gives pages a language tag that its own NumberFormat refuses (``locale.js``).
+        environment = {**os.environ, "LANG": "C", "LC_ALL": "C"}
         with subprocess.Popen(
             words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
         ) as process:

@@ -1,3 +1,4 @@
+import "/page/locale.js"
 import {Agent} from "/page/agent.js"
 import {Consents} from "/page/consent.js"
 import {Devices} from "/page/devices.js"

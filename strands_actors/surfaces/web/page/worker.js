@@ -1,4 +1,5 @@
 /** Draws in a worker. The messages are calls of a `Drawing`, and the answer to `load`. */
+import "/page/locale.js"
 import {Drawing} from "/page/drawing.js"
 
 let drawing = null
