@@ -52,6 +52,16 @@ class Options(DriverOptions, frozen=True):
     ] = FULL
 
 
+OF_HAND: Mapping[str, Service] = {
+    "home_gripper": Service(
+        "let the hand close and open, to measure its stroke after its fingers were changed",
+        within_s=10.0,
+        moves=True,
+    )
+}
+"""Further services of an arm with a hand."""
+
+
 class Franka(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(arms())
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -69,12 +79,7 @@ class Franka(Driver):
         "a Franka arm is moved by send_action: each target is a separate motion, planned from the arm's position"
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        "recover": Service("let the controller clear a reflex, so that the arm may be armed again", within_s=5.0),
-        "home_gripper": Service(
-            "let the hand close and open, to measure its stroke after its fingers were changed",
-            within_s=10.0,
-            moves=True,
-        ),
+        "recover": Service("let the controller clear a reflex, so that the arm may be armed again", within_s=5.0)
     }
 
     config: FrankaConfig
@@ -91,6 +96,10 @@ class Franka(Driver):
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         return plain(read_options(robot, Options, options))
+
+    @classmethod
+    def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
+        return {**cls.SERVICES, **OF_HAND} if options.get("gripper") else cls.SERVICES
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         chosen = read_options(robot, Options, options)
@@ -130,6 +139,7 @@ class Franka(Driver):
         self.declare(Part(PartKind.ARM, axes), Part(PartKind.GRIPPER, (hand_axis(HAND_ID, TOP_PERCENT_S),)))
         self.unit = "radians (gripper: percent open)"
         vars(self)["TOOL_VERBS"] = (*HAND_VERBS, *self.TOOL_VERBS)
+        vars(self)["SERVICES"] = {**self.SERVICES, **OF_HAND}
         self._hand = HandKeys(self.robot, self.table, chosen.gripper_speed, chosen.gripper_force)
         self.gates = gates_with_hand(self.gates, self.table)
 

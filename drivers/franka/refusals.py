@@ -81,12 +81,6 @@ def no_force(key: str, opening: object) -> Refused:
 # -- services
 
 
-def no_hand(service: str) -> Refused:
-    return Refused(
-        Code.UNKNOWN_SERVICE, f"{service} needs a hand", "give Robot() the option gripper='franka_hand'", service
-    )
-
-
 def not_homed(status: str) -> Refused:
     return Refused(
         FrankaCode.NOT_HOMED,

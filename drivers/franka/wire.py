@@ -377,8 +377,7 @@ class FrankaWire(SessionWire[FrankaSession]):
     # -- helper methods of the wire
 
     async def _home(self, permit: Permit) -> dict[str, Any] | Refused:
-        if self._hand is None:
-            return refusals.no_hand(HOME)
+        assert self._hand is not None  # Only an arm with a hand has this service.
         status = await self._hand.home(permit)
         if status != hand_protocol.Status.SUCCESS:
             return refusals.not_homed(hand_protocol.status_name(status))

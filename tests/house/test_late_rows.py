@@ -31,6 +31,10 @@ TITLES = {"can_motors": "CAN motors", "kuka": "KUKA", "rby1": "RB-Y1", "ur": "UR
 """Name of a wire in the table of the page, where it differs from the wire's name."""
 
 
+HAND = {"gripper": "any"}
+"""An option with which some robots have further services."""
+
+
 class WireVerbs(NamedTuple):
     """The robots of one wire, and its verbs that can energise or move them."""
 
@@ -51,6 +55,8 @@ def verbs_of(classes: Iterable[type[Driver]], level: str = "") -> WireVerbs:
     robots, services, late_s = set[str](), dict[str, Service](), set[float]()
     for driver_class in classes:
         services.update(driver_class.SERVICES)
+        without, with_hand = driver_class.services({}), driver_class.services(HAND)
+        services.update({name: service for name, service in with_hand.items() if name not in without})
         for robot in driver_class.SUPPORTED_ROBOTS:
             robots.add(f"{robot}:{level}" if level else robot)
     for robot in robots:

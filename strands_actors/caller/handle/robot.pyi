@@ -311,8 +311,6 @@ class AsyncSimulatedFeetech(AsyncSimulation):
 class Franka(RealRobot):
     def recover(self) -> Answer:
         """Let the controller clear a reflex, so that the arm may be armed again."""
-    def home_gripper(self) -> Answer:
-        """Let the hand close and open, to measure its stroke after its fingers were changed."""
     def sensors(self) -> Answer:
         """Measured positions, sensors and faults."""
     def status(self) -> Answer:
@@ -321,7 +319,6 @@ class Franka(RealRobot):
 @type_check_only
 class AsyncFranka(AsyncRobot):
     async def recover(self) -> Answer: ...
-    async def home_gripper(self) -> Answer: ...
     async def sensors(self) -> Answer: ...
     async def status(self) -> Answer: ...
 
