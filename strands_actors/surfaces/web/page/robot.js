@@ -32,7 +32,7 @@ export class RobotView {
     }}, "jog the tool, too")
     this.seat = el("p", {class: "seat", role: "status", "aria-live": "polite"})
     this.table = el("table", {class: "joints"})
-    this.events = el("ol", {class: "events"})
+    this.events = el("ol", {class: "events", tabindex: 0, "aria-label": "what happened"})
     this.cameras = el("div", {class: "cameras"})
     this.sensors = el("dl", {class: "facts"})
     this.sensorsTitle = el("h2", {hidden: true}, "Sensors")
