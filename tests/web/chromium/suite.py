@@ -135,14 +135,13 @@ def test_the_picture_changes_when_a_joint_moves(bench: Bench) -> None:
     tab.mouse("mouseReleased", at)
     tab.close()
     blank.close()
-    bench.visitor.order("/robots/so101/resume")
 
 
 def test_closing_the_tab_ends_a_jog(bench: Bench) -> None:
     tab = bench.open_robot()
     with bench.visitor.page() as watching:
-        until(lambda: state_of(watching) == "armed", "it is armed")
         bench.hold_jog(tab)
+        until(lambda: state_of(watching) == "armed", "it moves")
         tab.close()
         until(lambda: state_of(watching) == "holding", "the robot holds")
         setpoints = bench.setpoints()
