@@ -38,7 +38,7 @@ INNER_M, OUTER_M = 0.005, 1.0
 """A grasp succeeds at every width, because the width of the object is not known before."""
 
 NOT_CONNECTED = "it is not connected"
-NOT_HOMED = "it was not homed since its fingers were changed: home_gripper() first"
+NOT_HOMED = "it was not homed since its fingers were changed: run the service home_gripper first"
 
 
 class FrankaHand:

@@ -69,7 +69,7 @@ XARM_FAULTS = (
     ("gripper lost", "does not answer", "gripper found"),
 )
 KINOVA_FAULTS = (("gripper lost", "no gripper", "gripper found"),)
-FRANKA_FAULTS = (("gripper unhomed", "home_gripper() first", "gripper homed"),)
+FRANKA_FAULTS = (("gripper unhomed", "home_gripper first", "gripper homed"),)
 
 HANDS = (
     Hand("xarm7", "xarm_gripper", "joint1", (60.0, 0.0, 100.0), {"gripper_speed": 5.0}, 40.0, XARM_FAULTS),

@@ -219,7 +219,7 @@ def test_a_refused_motion_and_silence_are_faults_and_nothing_is_sent_then() -> N
 def test_a_hand_that_was_not_homed_gets_no_target() -> None:
     world = World()
     world.see(0.04, most_m=0.0)
-    assert "home_gripper() first" in world.hand.fault
+    assert "home_gripper first" in world.hand.fault
     world.hand.follow((50.0, *FULL_SPEED), Free())
     assert world.service.requests == []
 
