@@ -29,7 +29,7 @@ is on the wire of an arm on its twin, which 100 viewers watch.""",
     limit="""The 100 robots are stand-ins that only publish, behind one router. The browser draws without a
 graphics card, and the viewers are programs that read one message a second. All of them share two cores with the
 console. One thread serves all pages, and another one the page of the e-stop, so a stop waits for the
-interpreter's lock and for a processor. Pages have their looks spread over the period since, which did not
-shorten the longest waits. A process for stops alone would help.""",
+interpreter's lock and for a processor. To serve the pages at different moments did not shorten the longest
+waits, so that was not kept. A process for stops alone would help.""",
     rounds=2,
 )

@@ -91,12 +91,12 @@ def models(measured: Sequence[Kept]) -> dict[str, Curve]:
     """Return the curve through the measured figures of each name. The worst of ten e-stops depends on other load
     of the computer, so it has no model."""
     names = (MEDIAN, *PARTS)
-    return {
-        name: Curve.through(
-            [(each.figures["robots"], each.figures[name]) for each in measured if name in each.figures]
-        )
-        for name in names
-    }
+    return {name: Curve.through(points_of(measured, name)) for name in names}
+
+
+def points_of(measured: Sequence[Kept], name: str) -> list[tuple[float, float]]:
+    """Return the numbers of robots for which a figure was measured, with the figure."""
+    return [(each.figures["robots"], each.figures[name]) for each in measured if name in each.figures]
 
 
 def write() -> None:
@@ -162,12 +162,8 @@ def draw(measured: Sequence[Kept], curves: Mapping[str, Curve], path: Path) -> N
         (panels[1], PARTS, "processor time for telemetry, % of a core"),
     ):
         for name, label in labels.items():
-            points = panel.plot(
-                [each.figures["robots"] for each in measured if name in each.figures],
-                [max(each.figures[name], 0.1) for each in measured if name in each.figures],
-                "o",
-                label=label,
-            )
+            counts, figures = zip(*points_of(measured, name), strict=True)
+            points = panel.plot(counts, [max(figure, 0.1) for figure in figures], "o", label=label)
             if name in curves:
                 panel.plot(steps, [max(curves[name].at(x), 0.1) for x in steps], color=points[0].get_color(), lw=1)
         panel.set_xscale("log")
@@ -201,9 +197,9 @@ router, and receive the telemetry of all robots.
 
 "Median" and "worst of ten" are the time from an e-stop to the last outcome, of ten e-stops.
 "Settled" is the time from the appearance of the last robot, when all start together, until an e-stop
-reached all of them. The processor time is in percent of one core. A row without it was measured without
-metrics and console, so no telemetry was sent: two cores do not carry both for 1,000 stand-ins beside
-the routers, and no e-stop then reached all of them in time.
+reached all of them. The processor time is in percent of one core. A row without it was measured
+without metrics and console, so no telemetry was sent: two cores do not carry both for 1,000
+stand-ins beside the routers, and no e-stop then reached all of them in time.
 
 {measured_on}
 
@@ -238,7 +234,7 @@ program that orders the e-stop have a core each.
 * **Rates.** The cost of telemetry is proportional to its rate and to the number of programs that
   subscribe. A topic without subscribers costs a robot nothing.
 * **The computer.** Two cores carried all processes of these runs. So the times are longer than at a
-  site, where each router and each group of robots has a computer of its own, and grow faster than the
+  site, where each router and each group of robots has a separate computer, and grow faster than the
   number of robots.
 
 ## Set up a site

@@ -14,6 +14,9 @@ from strands_actors.testing import Twin
 from . import peers
 from .house import HOUSE, Figures, Side, beside
 
+COMMAND = "from strands_actors.surfaces.cli import main; main()"
+"""What ``python -c`` runs for the command ``strands-actors``."""
+
 
 def run_with_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
     """Start a simulated robot, and run a side (program) that commands it.

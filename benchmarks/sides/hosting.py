@@ -15,7 +15,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from benchmarks.stage import at_home
+from benchmarks.stage import COMMAND, at_home
 from strands_actors.surfaces.host.messages import Verb
 from strands_actors.surfaces.host.orders import order
 
@@ -23,7 +23,6 @@ from .wire import processor_s
 
 SIZES = {"short": (2, 3.0), "long": (12, 30.0)}
 """Number of robots, and seconds."""
-COMMAND = "from strands_actors.surfaces.cli import main; main()"
 SETTLE_S = 10.0
 COLLECT_S = 1.0
 PATIENCE_S = 30.0

@@ -31,6 +31,7 @@ import numpy as np
 import trio
 import zenoh
 
+from benchmarks.stage import COMMAND
 from strands_actors.contract.cameras import CameraSettings, Picture
 from strands_actors.kernel.channels.ros2.cdr import decode, encode
 from strands_actors.kernel.channels.ros2.definitions import (
@@ -68,7 +69,6 @@ QUIET_S = 0.5
 MOST_HELD = 2
 """Most trials, for each fault that is needed, in which the arm holds before the fault."""
 MODULE = "benchmarks.sides.ros2"
-COMMAND = "from strands_actors.surfaces.cli import main; main()"
 
 
 class Noise:

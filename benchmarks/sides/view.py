@@ -19,12 +19,13 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from benchmarks.stage import COMMAND
+
 from .setpoint import ours
 from .wire import Log, delays_us, percentile, processor_s
 
 TURNS = {"short": (1, 60), "long": (4, 300)}
 """Number of turns, and of setpoints in each."""
-COMMAND = "from strands_actors.surfaces.cli import main; main()"
 PATIENCE_S = 30.0
 SETTLE_S = 1.0
 

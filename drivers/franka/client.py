@@ -198,27 +198,38 @@ class Fci:
         self.udp.close()
 
 
-async def open_client(host: str, fci: int) -> Fci:
-    """Connect by TCP. Return a client that has sent nothing yet. Raise ``WireDown`` if that fails."""
-    tcp = await open_tcp(host, p.PORT)
+def open_udp(tcp: TcpPort, host: str, sender: str) -> socket.socket:
+    """Return a socket for the states of ``sender``, at the own address of a connection to ``host``.
+
+    Raises:
+        WireDown: The socket cannot be opened. The connection is closed then.
+    """
     try:
         udp = socket.socket(type=socket.SOCK_DGRAM)
     except OSError as error:
         RESERVE.lacked(error)
         tcp.close()
-        raise WireDown(f"{host}: cannot open a UDP port for the controller's states ({error.strerror})") from None
-    client = Fci(tcp, udp, p.DIALECTS[fci])
+        raise _no_udp_port(host, sender, error) from None
     try:
         udp.setblocking(False)
         udp.bind((tcp.own_host, 0))
-        return client
+        return udp
     except BaseException as error:
-        client.close()
+        tcp.close()
+        udp.close()
         if isinstance(error, OSError):
-            raise WireDown(
-                f"{host}: cannot open a UDP port for the controller's states ({error.strerror})"
-            ) from None
+            raise _no_udp_port(host, sender, error) from None
         raise
+
+
+def _no_udp_port(host: str, sender: str, error: OSError) -> WireDown:
+    return WireDown(f"{host}: cannot open a UDP port for the {sender}'s states ({error.strerror})")
+
+
+async def open_client(host: str, fci: int) -> Fci:
+    """Connect by TCP. Return a client that has sent nothing yet. Raise ``WireDown`` if that fails."""
+    tcp = await open_tcp(host, p.PORT)
+    return Fci(tcp, open_udp(tcp, host, "controller"), p.DIALECTS[fci])
 
 
 async def connect(host: str, fci: int, robot: str) -> Fci:

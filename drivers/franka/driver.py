@@ -27,7 +27,7 @@ from strands_actors.drivers.common.kit.hand_verbs import HAND_VERBS
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
-from .arms import FLANGE_M, HOME_RAD, JOINTS, arm_of, arms
+from .arms import FLANGE_M, HOME_RAD, JOINTS, arm_of, arms, model_table
 from .config import FrankaConfig
 from .gates import CONDITIONS, all_gates
 from .generator import limits_of
@@ -139,7 +139,7 @@ class Franka(Driver):
         self.declare(Part(PartKind.ARM, axes), Part(PartKind.GRIPPER, (hand_axis(HAND_ID, TOP_PERCENT_S),)))
         self.unit = "radians (gripper: percent open)"
         vars(self)["TOOL_VERBS"] = (*HAND_VERBS, *self.TOOL_VERBS)
-        vars(self)["SERVICES"] = {**self.SERVICES, **OF_HAND}
+        vars(self)["SERVICES"] = self.services(options)
         self._hand = HandKeys(self.robot, self.table, chosen.gripper_speed, chosen.gripper_force)
         self.gates = gates_with_hand(self.gates, self.table)
 
@@ -159,7 +159,7 @@ class Franka(Driver):
         return units if self._hand is None else (*units[:JOINTS], MODEL_UNITS)
 
     def link_rows(self) -> str:
-        return str(table_of(self.arm, "")["model_rows"])
+        return str(model_table(self.arm)["model_rows"])
 
     def check_port(self) -> None:
         _ = self.config.host

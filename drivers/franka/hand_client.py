@@ -12,10 +12,9 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import NS, Clock
-from strands_actors.kernel.processes.reserve import RESERVE
 
 from . import hand_protocol as p
-from .client import ANSWER_S, FIRST_STATE_S, LOOK_S
+from .client import ANSWER_S, FIRST_STATE_S, LOOK_S, open_udp
 from .hand_protocol import Command, HandState
 from .protocol import Decoder
 
@@ -129,20 +128,10 @@ class HandClient:
 async def connect_hand(host: str, clock: Clock) -> HandClient:
     """Return a client that has received a state. Raise ``WireDown`` if that fails."""
     tcp = await open_tcp(host, p.PORT)
+    client = HandClient(tcp, open_udp(tcp, host, "hand"), clock)
     try:
-        udp = socket.socket(type=socket.SOCK_DGRAM)
-    except OSError as error:
-        RESERVE.lacked(error)
-        tcp.close()
-        raise WireDown(f"{host}: cannot open a UDP port for the hand's states ({error.strerror})") from None
-    client = HandClient(tcp, udp, clock)
-    try:
-        udp.setblocking(False)
-        udp.bind((tcp.own_host, 0))
         await client.handshake()
         return client
-    except BaseException as error:
+    except BaseException:
         client.close()
-        if isinstance(error, OSError):
-            raise WireDown(f"{host}: cannot open a UDP port for the hand's states ({error.strerror})") from None
         raise

@@ -20,7 +20,7 @@ class FrankaCode(RefusalCode):
         "see what else the computer and the network do",
     )
     NOT_ALL_JOINTS = "not_all_joints", "an arm is moved by all its joints", "name all of them"
-    NOT_HOMED = "not_homed", "the hand could not measure its stroke", "see what is between the fingers"
+    NOT_HOMED = "not_homed", "the hand could not measure its stroke", "look for an object between the fingers"
     NOT_RECOVERED = (
         "not_recovered",
         "the controller refuses to recover",
@@ -85,7 +85,7 @@ def not_homed(status: str) -> Refused:
     return Refused(
         FrankaCode.NOT_HOMED,
         f"the hand has not measured its stroke ({status})",
-        "see what is between its fingers, then try again",
+        "look for an object between its fingers, then try again",
     )
 
 

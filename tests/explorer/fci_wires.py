@@ -116,6 +116,7 @@ class Server(FrankaServer):
         self._twin = FrankaTwin(self.controller)
         self._listeners_of_state: dict[Connection, Address] = {}
         self._mover = None
+        self._hand = None
         self._late = deque()
         self._log = self._udp = self  # type: ignore[assignment]
         self.serve_client: Handler = self._attend_client

@@ -152,6 +152,7 @@ class _Robot(FrankaServer):
         self._twin = FrankaTwin(self.controller)
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover = None
+        self._hand = None
         self._late = deque()
         self._log = self.service.log  # type: ignore[assignment]
         self._udp = self  # type: ignore[assignment]

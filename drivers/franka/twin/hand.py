@@ -42,7 +42,7 @@ REQUESTS: Modelled[int] = Modelled(
     {
         Command.CONNECT: "compares the versions, and sends states to the client's UDP port from then on",
         Command.HOMING: "closes and opens the fingers, and sets the largest width",
-        Command.GRASP: "closes the fingers onto what is between them, and presses",
+        Command.GRASP: "closes the fingers until they meet something, and presses",
         Command.MOVE: "moves the fingers to a width",
         Command.STOP: "ends the running request, and the force of a grasp",
     },

@@ -88,8 +88,6 @@ class FrankaTwin(TwinRobot):
 class FrankaServer(TcpServer):
     """Serve the clients of one simulated controller, and call its tick every millisecond."""
 
-    _hand: HandService | None = None
-
     def __init__(
         self,
         robot: str,

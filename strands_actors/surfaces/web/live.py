@@ -6,7 +6,6 @@ A page that reads slowly misses values, delays nothing, and never shows old valu
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -30,14 +29,8 @@ from .sockets import BAD_MESSAGE, DISCONNECTED, ENDED, LONGEST_MS, send
 from .tools import Tools
 
 FLEET_S = 0.5
-LOOK_S = 0.05
-"""Time between two looks for new values. Readings come ten times a second."""
+STATE_S = 0.1
 MOST_AXES = 64
-
-_numbers = itertools.count()
-_SPREAD = 0.618034
-"""Each page has its looks later than the page before it by this share of ``LOOK_S``, which spreads any number of
-pages evenly. A stop would have to wait for all pages that are served at the same moment."""
 
 
 class Watch(msgspec.Struct, tag="watch", forbid_unknown_fields=True):
@@ -191,17 +184,14 @@ class Conversation:
     # -- show
 
     async def _show(self) -> None:
-        """Send new values until cancelled. Each page has its own moment in the period (``_SPREAD``)."""
         next_fleet = -math.inf
-        share = next(_numbers) * _SPREAD % 1.0
-        due = trio.current_time() + share * LOOK_S
         while True:
             if not self._access.holds(self._session):
                 await self._socket.close(ENDED, "this device was sent away")
                 return
             now = trio.current_time()
             if now >= next_fleet:
-                next_fleet = now + (FLEET_S if math.isfinite(next_fleet) else share * FLEET_S)
+                next_fleet = now + FLEET_S
                 await send(self._socket, self._robots.fleet())
             for index, (feed, shown_count) in enumerate(self._shown):
                 if feed.count != shown_count:
@@ -214,8 +204,7 @@ class Conversation:
             robot = self._robots.get(self._robot) if self._robot else None
             if robot is not None:
                 await self._show_robot(robot)
-            due = max(due + LOOK_S, trio.current_time())
-            await trio.sleep_until(due)
+            await trio.sleep(STATE_S / 2)
 
     async def _show_robot(self, robot: Watched) -> None:
         if robot.viewer.readings != self._shown_count and robot.joints is not None:
